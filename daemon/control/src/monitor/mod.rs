@@ -8,7 +8,8 @@
 //! - *deviation*: outside the span by more than the tolerance, the tool as well;
 //! - *runaway* and *wrong direction*: outside by half of the tolerance and moving away;
 //! - *oscillation*: outside on alternating sides, farther with each swing;
-//! - *no motion*: commands moved the joint, at every lag that is possible, and it stood.
+//! - *no motion*: commands moved the joint, at every lag that is possible, and it stood, though the slowest
+//!   arm that is possible would have moved.
 //!
 //! After a stop for such a reason the arm may not be armed while it moves by itself or is not where it is
 //! held, until an operator disarms. Absent: the arm before it was commanded; force.
@@ -19,6 +20,7 @@ mod pace;
 mod path;
 mod recent;
 mod settings;
+mod slowest;
 mod swing;
 
 use crate::state::state;
@@ -55,6 +57,9 @@ const JITTER_NS: u64 = 20_000_000;
 const MOTION_NS: u64 = 250_000_000;
 /// A joint that moves by less than this share of its commands stands still.
 const STILL_SHARE: f64 = 0.05;
+/// That is a fault where it moves by less than this share of what the slowest possible arm would, because a
+/// servo filter takes short strokes away.
+const SLOWEST_SHARE: f64 = 0.5;
 /// A joint outside its commands by this share of the tolerance and moving away is leaving.
 const LEAVING: f64 = 0.5;
 /// Swings outside the commands count from the first share of the tolerance, and are reported from the second.
@@ -348,7 +353,10 @@ impl<const J: usize> Monitor<J> {
         let limit = self.settings.still_rad;
         let moved = asked.iter().filter(|asked| **asked > limit).count();
         let pairs = asked.iter().zip(&done).enumerate();
-        let still = pairs.filter(|(_, (asked, done))| **asked > limit && **done < STILL_SHARE * **asked);
+        let still = pairs.filter(|(joint, (asked, done))| {
+            let stands = **asked > limit && **done < STILL_SHARE * **asked;
+            stands && **done < SLOWEST_SHARE * slowest::moved(&self.commands, *joint, self.lag_s, begin)
+        });
         let count = still.clone().count();
         let (joint, (asked, _)) = still.max_by(|a, b| a.1.0.total_cmp(b.1.0))?;
         // All joints that were commanded stand: report the arm, not a joint.

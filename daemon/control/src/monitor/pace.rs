@@ -7,7 +7,10 @@
 //! found too slow twice in a row, after enough motion, is slow; the tool is then asked for no more than what
 //! the arm has shown, and for a little more with every window in which the arm keeps up.
 
+use super::SPEED_NS;
 use super::ceiling::Ceiling;
+use super::recent::Recent;
+use super::slowest::Filter;
 use crate::state::state;
 use crate::units::Stamp;
 
@@ -40,26 +43,24 @@ const LEAST_STEP: f64 = 0.3;
 const LEAST_MPS: f64 = 0.02;
 /// While the arm is behind, the limit is at most this share of it.
 const BEHIND_STEP: f64 = 0.95;
-/// Least lag of the model \[s\],
-const LEAST_LAG_S: f64 = 0.016;
-/// and smoothing time of its speed \[s\]: the arm's speeds are means over two or three joint states, which
-/// reduces short strokes more than long ones.
+/// which reduces short strokes more than long ones.
 const SMOOTH_S: f64 = 0.012;
 /// Longer steps of the model count as this long \[s\].
 const LONGEST_STEP_S: f64 = 0.02;
 
-/// Fastest in a window: the model and the arm, joint by joint \[rad/s\], and the commanded tool \[m/s\].
+/// Fastest in a window: commands, model and arm, joint by joint \[rad/s\], and the commanded tool \[m/s\].
 #[derive(Debug, Clone, Copy)]
 struct Peaks<const J: usize> {
+    asked: [f64; J],
     model: [f64; J],
     arm: [f64; J],
     tool_mps: f64,
 }
 
-state! { [const J: usize] Peaks<J> { model, arm, tool_mps } }
+state! { [const J: usize] Peaks<J> { asked, model, arm, tool_mps } }
 
 impl<const J: usize> Peaks<J> {
-    const NONE: Self = Self { model: [0.0; J], arm: [0.0; J], tool_mps: 0.0 };
+    const NONE: Self = Self { asked: [0.0; J], model: [0.0; J], arm: [0.0; J], tool_mps: 0.0 };
 }
 
 /// The model, two windows, and the results.
@@ -73,12 +74,13 @@ pub(super) struct Pace<const J: usize> {
     tool: Option<(Stamp, [f64; 3])>,
     before: Peaks<J>,
     now: Peaks<J>,
-    /// Fastest speeds of the arm in each of the last windows: it may be ahead of its model.
-    arms: [[f64; J]; REMEMBERED],
+    /// Fastest in each of the last windows: the arm may be ahead of its model.
+    past: [Peaks<J>; REMEMBERED],
     ceiling: Ceiling<J>,
-    /// When joints were last measured, and where they were commanded to be \[rad\].
+    /// When joints were last measured.
     seen: Option<Stamp>,
-    sent: Option<(Stamp, [f64; J])>,
+    /// Where they were commanded to be.
+    sent: Recent<J>,
     window: Option<Stamp>,
     windows: u32,
     judged_windows: u32,
@@ -94,7 +96,7 @@ pub(super) struct Pace<const J: usize> {
 
 state! {
     [const J: usize] Pace<J> {
-        model, lag_s, tool_mps, tool, before, now, arms, ceiling, seen, sent, window, windows,
+        model, lag_s, tool_mps, tool, before, now, past, ceiling, seen, sent, window, windows,
         judged_windows, slow_in_a_row, behind, patient_until, judged, slowed,
     }
 }
@@ -108,10 +110,10 @@ impl<const J: usize> Pace<J> {
             tool: None,
             before: Peaks::NONE,
             now: Peaks::NONE,
-            arms: [[0.0; J]; REMEMBERED],
+            past: [Peaks::NONE; REMEMBERED],
             ceiling: Ceiling::new(),
             seen: None,
-            sent: None,
+            sent: Recent::new(),
             window: None,
             windows: 0,
             judged_windows: 0,
@@ -147,28 +149,25 @@ impl<const J: usize> Pace<J> {
                 tool.iter().zip(from).map(|(to, from)| to - from).fold([0.0; 3], |[_, y, z], d| [y, z, d]);
             self.now.tool_mps = self.now.tool_mps.max(x.hypot(y).hypot(z) / elapsed_s);
         }
-        if let Some((before, from)) = self.sent.replace((stamp, *q)) {
-            let elapsed_s = stamp.seconds_since(before).max(1e-4);
-            for (index, (to, from)) in q.iter().zip(&from).enumerate() {
-                self.ceiling.commanded(index, (to - from) / elapsed_s);
+        self.sent.push(stamp, q);
+        // Over the same time as the arm's: no arm shows what a single command asks for.
+        if let Some(speeds) = self.sent.speed(SPEED_NS) {
+            for ((index, speed), peak) in speeds.into_iter().enumerate().zip(&mut self.now.asked) {
+                self.ceiling.commanded(index, speed);
+                *peak = peak.max(speed.abs());
             }
         }
         let (before, joints) = self.model.get_or_insert_with(|| (stamp, q.map(|q| [q, 0.0, 0.0])));
         let elapsed_s = stamp.seconds_since(*before).clamp(0.0, LONGEST_STEP_S);
         *before = stamp;
-        // Behind a target that is constant over the step: e(t) = (e₀ + (ė₀ + w e₀) t) exp(−w t). The lag of a
-        // slow arm seems to grow, and a model with that lag would be as slow.
+        // The lag of a slow arm seems to grow, and a model with that lag would be as slow.
         self.lag_s = if self.slowed.is_some() { self.lag_s.min(lag_s) } else { lag_s };
-        let w = 2.0 / self.lag_s.max(LEAST_LAG_S);
-        let decay = (-w * elapsed_s).exp();
+        let filter = Filter::new(self.lag_s, elapsed_s);
         let smoothing = 1.0 - (-elapsed_s / SMOOTH_S).exp();
         for ([position, speed, smooth], (target, peak)) in
             joints.iter_mut().zip(q.iter().zip(&mut self.now.model))
         {
-            let e = *position - target;
-            let slope = *speed + w * e;
-            *position = target + (e + slope * elapsed_s) * decay;
-            *speed = (*speed - w * slope * elapsed_s) * decay;
+            filter.step(position, speed, *target);
             *smooth += smoothing * (*speed - *smooth);
             *peak = peak.max(smooth.abs());
         }
@@ -191,18 +190,19 @@ impl<const J: usize> Pace<J> {
         self.windows = self.windows.saturating_add(1);
         let found = if self.windows >= 2 { self.judge(stamp) } else { None };
         self.before = std::mem::replace(&mut self.now, Peaks::NONE);
-        self.arms.rotate_right(1);
-        if let Some(newest) = self.arms.first_mut() {
-            *newest = self.before.arm;
+        self.past.rotate_right(1);
+        if let Some(newest) = self.past.first_mut() {
+            *newest = self.before;
         }
         found
     }
 
     fn judge(&mut self, stamp: Stamp) -> Option<f64> {
         self.tool_mps = (TOOL_KEPT * self.tool_mps).max(self.before.tool_mps);
-        let mut fastest = self.now.arm;
-        for arm in &self.arms {
-            fastest.iter_mut().zip(arm).for_each(|(most, arm)| *most = most.max(*arm));
+        let (mut fastest, mut asked) = (self.now.arm, self.now.asked);
+        for past in &self.past {
+            fastest.iter_mut().zip(&past.arm).for_each(|(most, arm)| *most = most.max(*arm));
+            asked.iter_mut().zip(&past.asked).for_each(|(most, asked)| *most = most.max(*asked));
         }
         if let Some(share) = self.ceiling.share(SLOW_SHARE) {
             self.judged = true;
@@ -213,8 +213,10 @@ impl<const J: usize> Pace<J> {
             *allowed = (share.max(LEAST_STEP) * *allowed).max(LEAST_MPS);
             return begins.then_some(share);
         }
-        let (model, arm) = self.before.model.iter().zip(fastest).max_by(|a, b| a.0.total_cmp(b.0))?;
-        if !(*model >= JUDGED_RADPS) {
+        // No filter is faster than its fastest command; the model is, where its lag becomes less.
+        let model = self.before.model.iter().zip(asked).map(|(model, asked)| model.min(asked));
+        let (model, arm) = model.zip(fastest).max_by(|a, b| a.0.total_cmp(&b.0))?;
+        if !(model >= JUDGED_RADPS) {
             return None;
         }
         let share = (arm / model).min(1.0);

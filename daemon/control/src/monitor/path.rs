@@ -7,7 +7,7 @@ use crate::state::state;
 use crate::units::Stamp;
 
 /// Length of a block \[ns\].
-const BLOCK_NS: u64 = 10_000_000;
+pub(super) const BLOCK_NS: u64 = 10_000_000;
 /// Blocks kept: the longest lag, the spread of a filter with that lag, and a window.
 const KEPT: usize = 128;
 /// The longest time that can be queried \[ns\].
@@ -148,6 +148,13 @@ impl<const K: usize> Path<K> {
             *step -= from;
         }
         Some(step)
+    }
+
+    /// When each block that is kept begins, and its newest sample, from the oldest on.
+    pub(super) fn ends(&self) -> impl Iterator<Item = (Stamp, &[f64; K])> {
+        let oldest = self.begin.max(self.end.saturating_sub(KEPT as u64 - 1));
+        let blocks = self.last.is_some().then_some(oldest..=self.end).into_iter().flatten();
+        blocks.filter_map(|block| Some((Stamp(block * BLOCK_NS), self.ends.get(block as usize % KEPT)?)))
     }
 
     /// The range from `from` to `to`, as far as it is known; the nearest block if that is empty. `None`

@@ -97,6 +97,40 @@ fn a_joint_that_stands_is_named_and_an_arm_that_stands_is_the_arm() {
     assert_eq!(partly([0.4; 3], [0.0; 3]), None, "motion this small need not show");
 }
 
+/// Finding within 3 s for an arm whose servo is a critically damped filter with a lag of 0.1 s, known or not,
+/// where joint 1 is asked to swing by 4 mrad at `hz`; `jammed`, where it stands.
+fn swung_at(hz: f64, known: bool, jammed: bool) -> Option<StopDetail> {
+    let mut rig = Rig::new(TrackingSettings::DEFAULT, 150_000_000).rested();
+    rig.lag = known.then(|| LagEstimate { lag_s: 0.1, std_s: 1e-3, shift_s: 0.05 });
+    let asked = |tick: i32| {
+        let t = f64::from(tick) * TICK_S;
+        [0.02 * (TAU * t).sin(), 0.004 * (TAU * hz * t).sin(), 0.0]
+    };
+    let w = 2.0 / 0.1;
+    let (mut joints, mut speeds) = ([0.0; 3], [0.0; 3]);
+    (0..1500).find_map(|tick| {
+        for ((q, v), target) in joints.iter_mut().zip(&mut speeds).zip(asked(tick)) {
+            *v += TICK_S * w * (w * (target - *q) - 2.0 * *v);
+            *q += TICK_S * *v;
+        }
+        let [first, second, third] = joints;
+        rig.tick([first, if jammed { 0.0 } else { second }, third], asked(tick + 1))
+    })
+}
+
+#[test]
+fn short_strokes_that_a_slow_servo_takes_away_are_no_standing_joint() {
+    for known in [false, true] {
+        for hz in [3.0, 8.0, 14.0, 18.0, 25.0] {
+            assert_eq!(swung_at(hz, known, false), None, "{hz} Hz, lag known: {known}");
+        }
+        for hz in [2.0, 3.0, 8.0] {
+            let found = swung_at(hz, known, true).expect("it is jammed");
+            assert_eq!((found.cause, found.joint), (StopCause::NoMotion, Some(1)), "{hz} Hz");
+        }
+    }
+}
+
 #[test]
 fn a_joint_that_leaves_its_commands_runs_away_or_goes_the_wrong_way() {
     let TrackingSettings { joint_rad, runaway_radps, .. } = TrackingSettings::DEFAULT;
@@ -242,6 +276,20 @@ fn the_share_of_the_speed_is_that_of_the_arm() {
             "{detail:?}"
         );
     }
+}
+
+/// Whatever lag is assumed of an arm that follows exactly, and however that changes, it is not slow.
+#[test]
+fn a_lag_that_is_known_now_and_then_makes_no_arm_slow() {
+    let mut rig = Rig::new(TrackingSettings::DEFAULT, 200_000_000);
+    let at = |tick: f64| 0.1 * (TAU * 1.5 * tick * TICK_S).sin();
+    for tick in 0..6000 {
+        let known = tick / 230 % 2 == 1;
+        rig.lag = Some(LagEstimate { lag_s: 0.0, std_s: if known { 1e-3 } else { 4e-3 }, shift_s: 0.0 });
+        let wrong = rig.tick([at(f64::from(tick)), 0.0, 0.0], [at(f64::from(tick + 1)), 0.0, 0.0]);
+        assert_eq!((wrong, rig.monitor.allowed_mps()), (None, None), "{tick}");
+    }
+    assert_eq!(rig.monitor.speed_share(), Some(1.0));
 }
 
 #[test]
