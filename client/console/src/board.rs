@@ -3,7 +3,7 @@
 //! Contract: locks are held for copies only. Channels are bounded; what finds no room is counted.
 
 use std::collections::BTreeMap;
-use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::{Sender, SyncSender, TrySendError};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -155,7 +155,6 @@ pub(crate) struct Board {
     pens: SyncSender<PenSample>,
     orders: SyncSender<Order>,
     tally: Mutex<Tally>,
-    pages: AtomicUsize,
     over: AtomicBool,
 }
 
@@ -181,7 +180,6 @@ impl Board {
             pens,
             orders,
             tally: Mutex::new(Tally::default()),
-            pages: AtomicUsize::new(0),
             over: AtomicBool::new(false),
         }
     }
@@ -322,16 +320,6 @@ impl Board {
         placed
     }
 
-    /// A page came; `false`: there are as many as there may be.
-    pub(crate) fn enter(&self, most: usize) -> bool {
-        let one_more = |pages: usize| (pages < most).then_some(pages + 1);
-        self.pages.fetch_update(Ordering::AcqRel, Ordering::Acquire, one_more).is_ok()
-    }
-
-    pub(crate) fn leave(&self) {
-        self.pages.fetch_sub(1, Ordering::AcqRel);
-    }
-
     /// Everything ends.
     pub(crate) fn finish(&self) {
         self.over.store(true, Ordering::Release);
@@ -383,13 +371,5 @@ mod tests {
         board.hold(true, 2000);
         board.release(1);
         assert!(!board.is_held(2001));
-    }
-
-    #[test]
-    fn no_more_pages_enter_than_may() {
-        let board = board();
-        assert!(board.enter(2) && board.enter(2) && !board.enter(2));
-        board.leave();
-        assert!(board.enter(2));
     }
 }

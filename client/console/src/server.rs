@@ -14,12 +14,11 @@ use crate::guard::{Hosts, Keys, Token};
 use crate::http::{self, Head};
 use crate::link::{Inbox, Link, LinkError, channels};
 use crate::page;
+use crate::places::Places;
 use crate::session;
 use crate::stops;
 use crate::wire::{TLS_BEGINS, Wire};
 
-/// Most connections at a time.
-const CONNECTIONS: usize = 32;
 /// Between two looks at new connections.
 const KNOCKS_EVERY: Duration = Duration::from_millis(5);
 /// Longest wait for bytes of a request, and for an answer to be taken.
@@ -84,6 +83,7 @@ struct Door {
     certificate: Option<Certificate>,
     /// Where a page under TLS is, for those who forgot it.
     origin: String,
+    places: Arc<Places>,
 }
 
 /// A console that listens.
@@ -152,11 +152,17 @@ impl Console {
         }
         let shown = at.get(1).or(at.first()).copied().unwrap_or_else(|| (Ipv4Addr::LOCALHOST, port).into());
         let door = match lan {
-            None => Door { hosts: Hosts::local(port), certificate: None, origin: format!("http://{shown}") },
+            None => Door {
+                hosts: Hosts::local(port),
+                certificate: None,
+                origin: format!("http://{shown}"),
+                places: Arc::default(),
+            },
             Some(lan) => Door {
                 hosts: Hosts::secure(&at, &lan.names),
                 certificate: Some(lan.certificate),
                 origin: format!("https://{shown}"),
+                places: Arc::default(),
             },
         };
         let (pens, orders, inbox) = channels();
@@ -268,26 +274,28 @@ fn welcome(board: Arc<Board>, door: Arc<Door>, mut stream: TcpStream, peer: Sock
     if timeouts.is_err() {
         return;
     }
-    if !board.enter(CONNECTIONS) {
-        board.refuse("too many connections");
-        // A short answer fits into the socket's own buffer; one who expects TLS reads the end of it.
-        if door.certificate.is_none() {
-            let _ =
-                http::answer(&mut stream, "503 Service Unavailable", "text/plain", b"too many connections\n");
+    let place = match door.places.enter(peer.ip()) {
+        Ok(place) => place,
+        Err(reason) => {
+            board.refuse(reason);
+            // A short answer fits into the socket's own buffer; one who expects TLS reads the end of it.
+            if door.certificate.is_none() {
+                let words = format!("{reason}\n");
+                let _ = http::answer(&mut stream, "503 Service Unavailable", "text/plain", words.as_bytes());
+            }
+            return;
         }
-        return;
-    }
+    };
     let inside = board.clone();
     let serves = move || {
+        let _place = place;
         match begun(&door, stream) {
             Ok(wire) => admit(&inside, &door, wire, peer, id),
             Err(reason) => inside.refuse(reason),
         }
-        inside.leave();
     };
     if std::thread::Builder::new().name("console-page".to_owned()).spawn(serves).is_err() {
         board.refuse("no thread");
-        board.leave();
     }
 }
 
