@@ -30,8 +30,10 @@ FIGURES = {
     "rms_jerk_mps3": ("rms_jerk", lambda value: f"{value:.0f}"),
     "worse_percent": ("worse_than_hold_pct", lambda value: f"{value:.2f}"),
     "worst_mm": ("worst_beyond_hold_m", lambda value: f"{value * 1e3:.2f}"),
-    "beyond_limits_percent": ("illegal_pct", lambda value: "" if value is None else f"{value:.0f}"),
+    "beyond_limits_percent": ("illegal_pct", lambda value: f"{value:.0f}"),
 }
+# Arms without limits: nothing is beyond them.
+UNLIMITED = {"ideal", "delay30"}
 
 
 def program() -> str:
@@ -57,6 +59,8 @@ def measured(folder: pathlib.Path, run: str, arms: list[str], rows: list[str]) -
 
 def figures(row: dict, hold: dict) -> dict[str, str]:
     written = {column: write(row[key]) for column, (key, write) in FIGURES.items()}
+    if row["arm"] in UNLIMITED:
+        written["beyond_limits_percent"] = ""
     return {**written, "of_hold": f"{row['mse_m2'] / hold['mse_m2']:.2f}"}
 
 

@@ -58,9 +58,7 @@ pub(crate) fn models(settings: &Settings, report: &mut Findings<'_>) -> Option<M
     let mixture =
         network("predictor.mixture.network", named.network.as_deref(), "mixture", lstm, settings, report);
     let key = "predictor.mixture.foresight";
-    // Only where it is named: not every hand gains from it.
-    let name = named.foresight.as_deref().or(Some(NO_NETWORK));
-    let foresight = network(key, name, "foresight", foresight, settings, report);
+    let foresight = network(key, named.foresight.as_deref(), "foresight", foresight, settings, report);
     let networks = Networks { lstm: alone?, mixture: mixture?, foresight: foresight? };
     match Models::new(model_settings(settings), networks) {
         Ok(models) if models.has(section.kind) => Some(models),

@@ -191,7 +191,7 @@ fn write(hand: &Hand, limit: usize, config: &Config, scored: &mut Scored) -> Fal
     pen.max_speed_mps = 10.0;
     (pen.position_min_m, pen.position_max_m) = ([-10.0; 2], [10.0; 2]);
     let mut tracker = PenTracker::new(pen)?;
-    let (mut skill, mut refiner) = (Skill::new(step_s, true), Refiner::new(step_s));
+    let (mut skill, mut refiner) = (Skill::new(step_s, true), Refiner::tuned(step_s, settings.refine));
     let mut filters = Vec::new();
     for lead_s in LEADS_S {
         let way = BaselineSettings::new(BaselineKind::Kalman, PERIOD_S, lead_s - PERIOD_S, Limits::OFF, 0.1);

@@ -222,7 +222,12 @@ mod tests {
         std::fs::remove_dir_all(&folder).unwrap();
         let gone = crate::Draft::preset("ur5").set(key, &path).finish().unwrap_err().to_string();
         assert!(gone.contains(key), "{gone}");
-        assert!(crate::Config::preset("ur5").unwrap().models().networks().foresight.is_none());
+        // Without the key it is the shipped one of the step; "none" does without.
+        let networks = |draft: crate::Draft| draft.finish().unwrap().models().networks().foresight.clone();
+        let preset = || crate::Draft::preset("ur5");
+        let shipped = |ms: u32| ForesightModel::find(&format!("foresight-{ms}ms")).unwrap().weights;
+        assert_eq!(networks(preset()), Some(shipped(10)));
+        assert_eq!(networks(preset().set(key, "none")), None);
     }
 
     #[test]

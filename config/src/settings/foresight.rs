@@ -144,8 +144,8 @@ section! {
         network: Option<String> = Text, Optional, AtStart, "nothing: leave it out";
         /// The network that also sees contact, direction and time: a shipped one by name, or a .safetensors
         /// file relative to the settings file that "foretrace lab train --model foresight" made for this
-        /// pen.step_ms. Shipped are "foresight-5ms", "foresight-8ms" and "foresight-10ms". Not set, or
-        /// "none": the mixture does without.
+        /// pen.step_ms. Not set: the shipped one for this step, "foresight-5ms", "foresight-8ms" or
+        /// "foresight-10ms"; where there is none, or with "none", the mixture does without.
         foresight: Option<String> = Text, Optional, AtStart, "nothing: leave it out";
         /// Factor per step by which the past loses weight in the read-outs.
         forgetting: f64 = Between(0.99, 1.0), Default("0.99985"), AtStart, "0.99985";

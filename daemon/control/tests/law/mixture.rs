@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use foretrace_control::predict::models::lstm::{LstmSpec, LstmTensors, LstmWeights};
-use foretrace_control::predict::models::mixture::{EXPERTS, GATE, LEADS, NODE_COUNT};
+use foretrace_control::predict::models::mixture::{EXPERTS, GATE, LEADS, NODE_COUNT, Present};
 use foretrace_control::predict::{
     Mixture, MixtureLearner, MixtureParameters, MixtureSettings, ModelParameters, OnlineModel, Predictor,
     Taught,
@@ -88,6 +88,24 @@ fn a_useless_network_costs_little() {
     let (with, _) = position_error(&mut learner(Some(network())), &hand(3000, 2), 10);
     let (without, _) = position_error(&mut learner(None), &hand(3000, 2), 10);
     assert!(with < 1.3 * without, "{with} against {without}");
+}
+
+#[test]
+fn trained_experts_outweigh_those_that_have_to_learn_the_hand_first() {
+    for lstm in [false, true] {
+        for foresight in [false, true] {
+            let present = Present { lstm, foresight };
+            let parameters = MixtureParameters::untrained(STEP_NS, present);
+            for shares in parameters.shares() {
+                let (untrained, trained) = shares.split_at(3);
+                assert!((shares.iter().sum::<f32>() - 1.0).abs() < 1e-6);
+                assert!(untrained.iter().all(|share| *share == untrained[0] && *share > 0.0));
+                let largest = trained.iter().copied().fold(0.0, f32::max);
+                assert!(largest == 0.0 || untrained.iter().sum::<f32>() < 0.5 * largest, "{shares:?}");
+                assert_eq!(largest > 0.0, lstm || foresight);
+            }
+        }
+    }
 }
 
 #[test]

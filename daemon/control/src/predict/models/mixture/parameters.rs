@@ -32,20 +32,24 @@ pub struct MixtureParameters {
 state! { [] MixtureParameters { version, ar, plain, full, foresight, shares, present } }
 
 impl MixtureParameters {
-    /// Nothing learned yet: read-outs zero, equal weights for the experts that take part.
+    /// Nothing learned yet: read-outs zero; of the experts that take part, those that rest on a trained
+    /// network have equal weights, and the others a tenth of that.
     #[must_use]
     pub fn untrained(step_ns: u64, present: impl Into<Present>) -> Self {
         let present = present.into();
-        let taking_part = taking_part(present);
-        let equal = 1.0 / taking_part.iter().filter(|takes| **takes).count() as f32;
-        let equal = taking_part.map(|takes| if takes { equal } else { 0.0 });
+        let weights: [f32; EXPERTS] = std::array::from_fn(|expert| {
+            let takes = taking_part(present).get(expert).copied().unwrap_or(false);
+            f32::from(u8::from(takes)) * if expert < TRAINED_FROM { FIRST_SHARE } else { 1.0 }
+        });
+        let total: f32 = weights.iter().sum();
+        let shares = weights.map(|weight| weight / total);
         Self {
             version: 0,
             ar: ArRlsWeights::constant_velocity(step_ns),
             plain: Readout::ZERO,
             full: Readout::ZERO,
             foresight: Readout::ZERO,
-            shares: [equal; NODE_COUNT],
+            shares: [shares; NODE_COUNT],
             present,
         }
     }
@@ -106,6 +110,12 @@ impl MixtureParameters {
         mixed
     }
 }
+
+/// The first expert that rests on a trained network.
+const TRAINED_FROM: usize = 3;
+/// First weight of an expert without one, over that of an expert with one. All three say "straight on" until
+/// they have learned the hand: together they would outweigh the networks in its first letters.
+const FIRST_SHARE: f32 = 0.1;
 
 /// Which experts take part.
 pub(super) fn taking_part(present: Present) -> [bool; EXPERTS] {
