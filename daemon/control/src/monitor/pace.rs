@@ -43,6 +43,7 @@ const LEAST_STEP: f64 = 0.3;
 const LEAST_MPS: f64 = 0.02;
 /// While the arm is behind, the limit is at most this share of it.
 const BEHIND_STEP: f64 = 0.95;
+/// Smoothing time of the model's speed \[s\]: the arm's speeds are means over two or three joint states,
 /// which reduces short strokes more than long ones.
 const SMOOTH_S: f64 = 0.012;
 /// Longer steps of the model count as this long \[s\].
