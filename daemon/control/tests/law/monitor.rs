@@ -101,7 +101,7 @@ fn a_joint_that_stands_is_named_and_an_arm_that_stands_is_the_arm() {
 /// where joint 1 is asked to swing by 4 mrad at `hz`; `jammed`, where it stands.
 fn swung_at(hz: f64, known: bool, jammed: bool) -> Option<StopDetail> {
     let mut rig = Rig::new(TrackingSettings::DEFAULT, 150_000_000).rested();
-    rig.lag = known.then(|| LagEstimate { lag_s: 0.1, std_s: 1e-3, shift_s: 0.05 });
+    rig.lag = known.then_some(LagEstimate { lag_s: 0.1, std_s: 1e-3, shift_s: 0.05 });
     let asked = |tick: i32| {
         let t = f64::from(tick) * TICK_S;
         [0.02 * (TAU * t).sin(), 0.004 * (TAU * hz * t).sin(), 0.0]
