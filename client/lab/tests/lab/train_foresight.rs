@@ -177,7 +177,9 @@ fn the_gradient_is_that_of_the_loss() {
 fn what_an_ablation_leaves_out_has_no_weight_in_the_loop() {
     let study =
         Study { without: Without { contact: true, time: true, direction: false }, ..Study::default() };
-    let state = go_on(Fit::new(Plan { study, ..plan() }, parts(), 2, None));
+    let mut state = go_on(Fit::new(Plan { study, ..plan() }, parts(), 2, None));
+    // Numbers that the loop need not round.
+    state.parameters.iter_mut().for_each(|number| *number = f32::from_bits(number.to_bits() & 0xffff_0000));
     let weights = weights_of(&study, &state.parameters, STEP_NS).unwrap();
     let foresight = Foresight::new(&weights);
     let seen = |contact| {

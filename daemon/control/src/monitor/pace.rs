@@ -78,10 +78,10 @@ pub(super) struct Pace<const J: usize> {
     /// Fastest in each of the last windows: the arm may be ahead of its model.
     past: [Peaks<J>; REMEMBERED],
     ceiling: Ceiling<J>,
-    /// When joints were last measured.
+    /// When joints were last measured, and where they were commanded to be \[rad\].
     seen: Option<Stamp>,
-    /// Where they were commanded to be.
-    sent: Recent<J>,
+    sent: Option<(Stamp, [f64; J])>,
+    asks: Recent<J>,
     window: Option<Stamp>,
     windows: u32,
     judged_windows: u32,
@@ -97,7 +97,7 @@ pub(super) struct Pace<const J: usize> {
 
 state! {
     [const J: usize] Pace<J> {
-        model, lag_s, tool_mps, tool, before, now, past, ceiling, seen, sent, window, windows,
+        model, lag_s, tool_mps, tool, before, now, past, ceiling, seen, sent, asks, window, windows,
         judged_windows, slow_in_a_row, behind, patient_until, judged, slowed,
     }
 }
@@ -114,7 +114,8 @@ impl<const J: usize> Pace<J> {
             past: [Peaks::NONE; REMEMBERED],
             ceiling: Ceiling::new(),
             seen: None,
-            sent: Recent::new(),
+            sent: None,
+            asks: Recent::new(),
             window: None,
             windows: 0,
             judged_windows: 0,
@@ -150,13 +151,15 @@ impl<const J: usize> Pace<J> {
                 tool.iter().zip(from).map(|(to, from)| to - from).fold([0.0; 3], |[_, y, z], d| [y, z, d]);
             self.now.tool_mps = self.now.tool_mps.max(x.hypot(y).hypot(z) / elapsed_s);
         }
-        self.sent.push(stamp, q);
-        // Over the same time as the arm's: no arm shows what a single command asks for.
-        if let Some(speeds) = self.sent.speed(SPEED_NS) {
-            for ((index, speed), peak) in speeds.into_iter().enumerate().zip(&mut self.now.asked) {
-                self.ceiling.commanded(index, speed);
-                *peak = peak.max(speed.abs());
+        if let Some((before, from)) = self.sent.replace((stamp, *q)) {
+            let elapsed_s = stamp.seconds_since(before).max(1e-4);
+            for (index, (to, from)) in q.iter().zip(&from).enumerate() {
+                self.ceiling.commanded(index, (to - from) / elapsed_s);
             }
+        }
+        self.asks.push(stamp, q);
+        if let Some(speeds) = self.asks.speed(SPEED_NS) {
+            self.now.asked.iter_mut().zip(speeds).for_each(|(peak, speed)| *peak = peak.max(speed.abs()));
         }
         let (before, joints) = self.model.get_or_insert_with(|| (stamp, q.map(|q| [q, 0.0, 0.0])));
         let elapsed_s = stamp.seconds_since(*before).clamp(0.0, LONGEST_STEP_S);
@@ -214,19 +217,23 @@ impl<const J: usize> Pace<J> {
             *allowed = (share.max(LEAST_STEP) * *allowed).max(LEAST_MPS);
             return begins.then_some(share);
         }
-        // No filter is faster than its fastest command; the model is, where its lag becomes less.
-        let model = self.before.model.iter().zip(asked).map(|(model, asked)| model.min(asked));
-        let (model, arm) = model.zip(fastest).max_by(|a, b| a.0.total_cmp(&b.0))?;
-        if !(model >= JUDGED_RADPS) {
-            return None;
-        }
-        let share = (arm / model).min(1.0);
+        let least = |model: [f64; J]| {
+            let (model, arm) = model.into_iter().zip(fastest).max_by(|a, b| a.0.total_cmp(&b.0))?;
+            (model >= JUDGED_RADPS).then(|| (arm / model).min(1.0))
+        };
+        // No filter is faster than its fastest command, but the model is while its lag becomes less: a reason
+        // for patience, not for a slower tool.
+        let mut model = self.before.model;
+        let doubted = least(model)?;
+        model.iter_mut().zip(asked).for_each(|(model, asked)| *model = model.min(asked));
+        let share = least(model).unwrap_or(1.0);
         self.judged = true;
         let behind = std::mem::take(&mut self.behind);
-        let slow = share < SLOW_SHARE || behind && share < KEEPS_UP;
+        let is_slow = |share: f64| share < SLOW_SHARE || behind && share < KEEPS_UP;
+        let slow = is_slow(share);
         self.judged_windows = self.judged_windows.saturating_add(1);
         self.slow_in_a_row = if slow { self.slow_in_a_row + 1 } else { 0 };
-        if slow && share >= STANDS {
+        if is_slow(doubted) && doubted >= STANDS {
             self.patient_until = Some(stamp.plus_ns(PATIENCE_NS));
         }
         let tool_mps = self.before.tool_mps;
