@@ -44,7 +44,7 @@ fn rounds_of(
 ) {
     for series in [Series::Cb3, Series::E] {
         let mut scene = Scene::following(series);
-        let (mut moments, mut times, mut hardest) = (Moments::new(), Vec::new(), 0.0f64);
+        let (mut moments, mut times) = (Moments::new(), Vec::new());
         for round in 0..(rounds(SHARE) / 2).max(1) {
             let when = format!("{name}, {series:?}, round {round}");
             moments.wait(1500);
@@ -52,7 +52,7 @@ fn rounds_of(
             scene.forget();
             fault(&mut scene);
             times.push(1e3 * (scene.watcher.rests() - from).max(0.0));
-            hardest = hardest.max(scene.judge(&when));
+            scene.judge(&when, braked == Braked::ByProgram);
             mend(&mut scene);
             scene.restart_missing();
             if after == After::Stands {
@@ -61,9 +61,6 @@ fn rounds_of(
             scene.follow();
         }
         say_times(&format!("{name}, {series:?}, seen by {}", scene.watcher.whose()), times);
-        // Nobody brakes harder than the program may, and where it is alone with the arm it is it that does.
-        let alone = braked == Braked::ByProgram;
-        assert!(!alone || hardest > 0.25 * scene.watcher.deceleration(), "{name}, {series:?}: {hardest}");
     }
 }
 

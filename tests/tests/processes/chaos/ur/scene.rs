@@ -154,10 +154,10 @@ impl Scene {
         }
     }
 
-    /// Judges what was seen since; returns the hardest deceleration of the program on the controller.
-    pub(super) fn judge(&self, when: &str) -> f64 {
+    /// Judges what was seen since; `alone`: nobody but the program on the controller brought the arm to rest.
+    pub(super) fn judge(&self, when: &str, alone: bool) {
         self.watcher.judge(when);
-        self.reader.as_ref().unwrap_or(&self.watcher).judge_program(when)
+        self.reader.as_ref().unwrap_or(&self.watcher).judge_program(when, alone);
     }
 
     /// A line to the controller's fault port.

@@ -23,6 +23,8 @@ const RESTS_S: f64 = 0.6;
 /// Fewer states than this of a round tell nothing.
 const LEAST_JUDGED: usize = 20;
 const PATIENCE: Duration = Duration::from_secs(5);
+/// Of the hardest that the program may do, it does at least this.
+const LEAST_HARDNESS: f64 = 0.25;
 /// Of the program on the controller: what it does. 2 follows.
 const STATE: &str = "output_int_register_25";
 const FOLLOWS: i32 = 2;
@@ -34,6 +36,8 @@ struct Sight {
     t: f64,
     /// Measured \[rad\].
     q: [f64; JOINTS],
+    /// Asked for \[rad/s\]; zero where the client does not read it.
+    qd: [f64; JOINTS],
     /// Asked for \[rad/s²\].
     qdd: [f64; JOINTS],
     /// Of the program.
@@ -73,17 +77,13 @@ impl Watcher {
             }),
             None => {
                 let mut client = Client::connect(address.into(), PATIENCE).expect("RTDE answers");
-                let names = ["timestamp", "actual_q", "target_qdd", STATE];
+                let names = ["timestamp", "actual_q", "target_qd", "target_qdd", STATE];
                 client.set_up_outputs(&names, f64::from(series.rate_hz())).expect("known fields");
                 client.start().expect("it starts");
                 std::thread::spawn(move || {
                     while !stop.load(Ordering::Relaxed) {
                         let Ok(package) = client.receive(Duration::from_millis(100)) else { return };
-                        if let Some(
-                            [Value::Double(t), Value::Vector6d(q), Value::Vector6d(qdd), Value::Int32(state)],
-                        ) = package.as_ref().map(|package| &package.values[..])
-                        {
-                            let sight = Sight { t: *t, q: *q, qdd: *qdd, state: *state };
+                        if let Some(sight) = package.as_ref().and_then(|package| sight(&package.values)) {
                             shared.lock().expect("no thread panics").push(sight);
                         }
                     }
@@ -110,11 +110,6 @@ impl Watcher {
         // The newest two: a motion has to be seen from its beginning.
         let old = seen.len().saturating_sub(2);
         seen.drain(..old);
-    }
-
-    /// With which the program on the controller may brake \[rad/s²\].
-    pub(super) fn deceleration(&self) -> f64 {
-        self.limits.deceleration().iter().copied().fold(f64::INFINITY, f64::min)
     }
 
     /// When a joint was seen faster than `speed_radps`, if just now, on the controller's clock \[s\].
@@ -170,18 +165,34 @@ impl Watcher {
         assert!(judged >= LEAST_JUDGED, "{when}: only {judged} states seen");
     }
 
-    /// The program on the controller braked with no more than its own deceleration. Returns the hardest that
-    /// it asked for by itself \[rad/s²\].
-    pub(super) fn judge_program(&self, when: &str) -> f64 {
+    /// The program on the controller braked with no more than its own deceleration; if it was `alone` with
+    /// the arm, it did brake.
+    pub(super) fn judge_program(&self, when: &str, alone: bool) {
+        let seen = self.seen();
         let mut hardest = 0.0f64;
-        for braking in self.seen().iter().filter(|sight| sight.state != FOLLOWS) {
+        for braking in seen.iter().filter(|sight| sight.state != FOLLOWS) {
             for (joint, qdd) in braking.qdd.iter().enumerate() {
                 let most = self.limits.deceleration()[joint];
                 assert!(qdd.abs() < 1.001 * most, "{when}: joint {joint} braked: {braking:?}");
                 hardest = hardest.max(qdd.abs());
             }
         }
-        hardest
+        if !alone {
+            return;
+        }
+        assert!(
+            seen.iter().any(|sight| sight.state != FOLLOWS),
+            "{when}: the program did not stop by itself"
+        );
+        // Where none is seen, a busy machine had made it stop just before.
+        let turn = seen.windows(2).find(|pair| pair[0].state == FOLLOWS && pair[1].state != FOLLOWS);
+        if let Some([before, after]) = turn {
+            // An arm that happens to be slow then stands after one cycle, without all of it.
+            let slowest = self.limits.deceleration().iter().copied().fold(f64::INFINITY, f64::min);
+            let fastest = before.qd.iter().fold(0.0, |fastest: f64, qd| fastest.max(qd.abs()));
+            let needed = slowest.min(fastest / (after.t - before.t));
+            assert!(hardest >= LEAST_HARDNESS * needed, "{when}: {hardest} rad/s² from {before:?}");
+        }
     }
 }
 
@@ -189,12 +200,26 @@ fn near(a: &Sight, b: &Sight) -> bool {
     a.q.iter().zip(&b.q).all(|(a, b)| (a - b).abs() < REST_RAD)
 }
 
+/// What the own client asked for, in its order.
+fn sight(values: &[Value]) -> Option<Sight> {
+    match *values {
+        [
+            Value::Double(t),
+            Value::Vector6d(q),
+            Value::Vector6d(qd),
+            Value::Vector6d(qdd),
+            Value::Int32(state),
+        ] => Some(Sight { t, q, qd, qdd, state }),
+        _ => None,
+    }
+}
+
 /// A line of watch.py: time, joints, accelerations. It cannot read the register of the program's state.
 fn read(line: &str) -> Option<Sight> {
     let numbers: Option<Vec<f64>> = line.split(' ').map(|word| word.parse().ok()).collect();
     let numbers: [f64; 1 + 2 * JOINTS] = numbers?.try_into().ok()?;
     let six = |from: usize| std::array::from_fn(|joint| numbers[from + joint]);
-    Some(Sight { t: numbers[0], q: six(1), qdd: six(1 + JOINTS), state: FOLLOWS })
+    Some(Sight { t: numbers[0], q: six(1), qd: [0.0; JOINTS], qdd: six(1 + JOINTS), state: FOLLOWS })
 }
 
 impl Drop for Watcher {
