@@ -24,6 +24,7 @@ mod pen;
 pub use pen::*;
 pub mod gateway_frame;
 pub mod admission;
+pub mod metered;
 mod gateway;
 pub use gateway::*;
 mod arm;

@@ -7,12 +7,13 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant};
 
+use foretrace_client::metered::Metered;
 use tungstenite::protocol::{Role, WebSocketConfig};
 use tungstenite::{Error, Message as Packet, WebSocket};
 
 use crate::board::{Board, Order, Reply, What, now_ns};
 use crate::message::{MESSAGE_BYTES, Message, held_at, sample, told_at};
-use crate::wire::{Metered, Wire};
+use crate::wire::Wire;
 
 /// Longest wait for a message, and so between two looks at new frames.
 const WAIT: Duration = Duration::from_millis(5);
@@ -22,6 +23,8 @@ const WRITE: Duration = Duration::from_millis(20);
 const STUCK: Duration = Duration::from_secs(3);
 /// A page is let go that says nothing for this long: it measures its clock every second.
 const SILENT: Duration = Duration::from_secs(15);
+/// Most bytes of a page per second: a multiple of what the fastest pen needs.
+const BYTES: usize = 4 << 20;
 /// Most messages per second; a pen of 1000 Hz sends one per sample at most.
 const MESSAGES: u32 = 1500;
 
@@ -37,7 +40,7 @@ pub(crate) fn serve(board: &Arc<Board>, stream: Wire, id: u64, address: &str) {
         .max_write_buffer_size(1 << 20);
     let (replies, answers) = channel();
     let mut page = Page {
-        socket: WebSocket::from_raw_socket(Metered::new(stream), Role::Server, Some(config)),
+        socket: WebSocket::from_raw_socket(Metered::new(stream, BYTES), Role::Server, Some(config)),
         board,
         id,
         address,
@@ -53,14 +56,14 @@ pub(crate) fn serve(board: &Arc<Board>, stream: Wire, id: u64, address: &str) {
     // It may be gone.
     let _ = page.socket.close(None);
     let _ = page.socket.flush();
-    page.socket.get_mut().wire.end();
+    page.socket.get_mut().get_mut().end();
     if board.release(id) {
         board.note(&format!("the page of {address} ended ({reason}) and no longer controls"));
     }
 }
 
 struct Page<'a> {
-    socket: WebSocket<Metered>,
+    socket: WebSocket<Metered<Wire>>,
     board: &'a Arc<Board>,
     id: u64,
     address: &'a str,

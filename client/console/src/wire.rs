@@ -6,50 +6,12 @@
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::TcpStream;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use rustls::{ServerConfig, ServerConnection};
 
 /// The first byte of a TLS handshake. Source: RFC 8446, 5.1 (content type handshake).
 pub(crate) const TLS_BEGINS: u8 = 22;
-
-/// Most bytes of a page per second: a multiple of what the fastest pen needs.
-const BYTES: usize = 4 << 20;
-
-/// A page's connection, which fails with `QuotaExceeded` where more comes than may. A message in pieces
-/// without end, each of them empty, is none yet: only its bytes can be counted.
-pub(crate) struct Metered {
-    pub(crate) wire: Wire,
-    /// Begin of this second, and bytes in it.
-    second: (Instant, usize),
-}
-
-impl Metered {
-    pub(crate) fn new(wire: Wire) -> Self {
-        Self { wire, second: (Instant::now(), 0) }
-    }
-}
-
-impl Read for Metered {
-    fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
-        let count = self.wire.read(into)?;
-        if self.second.0.elapsed() >= Duration::from_secs(1) {
-            self.second = (Instant::now(), 0);
-        }
-        self.second.1 += count;
-        if self.second.1 > BYTES { Err(ErrorKind::QuotaExceeded.into()) } else { Ok(count) }
-    }
-}
-
-impl Write for Metered {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.wire.write(bytes)
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        self.wire.flush()
-    }
-}
 
 /// A connection.
 pub(crate) enum Wire {

@@ -6,14 +6,13 @@
 //! and every wait are bounded; a viewer that reads slowly loses messages and holds up nobody. Plain threads.
 //!
 //! In the order of a message's way: `guard` lets a viewer in, `protocol` reads what it says, `hub` is what
-//! all share, `orders` stops the arm and asks the daemon, `wire` is a viewer's connection, `viewer` is one of
-//! them, `settings` hears those in force, `server` feeds them.
+//! all share, `orders` stops the arm and asks the daemon, `viewer` is one of them, `settings` hears those in
+//! force, `server` feeds them.
 
 mod guard;
 mod protocol;
 mod hub;
 mod orders;
-mod wire;
 mod viewer;
 mod settings;
 mod server;

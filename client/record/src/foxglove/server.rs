@@ -6,6 +6,7 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
+use foretrace_client::metered::Metered;
 use foretrace_client::{FaultReason, Instance, Mode, Status, TickRecord, monotonic_now_ns};
 use tungstenite::handshake::HandshakeError;
 use tungstenite::handshake::server::{ErrorResponse, Request, Response};
@@ -19,13 +20,14 @@ use super::orders::Orders;
 use super::protocol::{self, CHANNELS, Level, MESSAGE_BYTES};
 use super::settings::Settings;
 use super::viewer::Viewer;
-use super::wire::Metered;
 use crate::RecordError;
 use crate::record::unix_minus_monotonic;
 use crate::scene::{Preview, Scene};
 use crate::source::{Heard, News, Source, Wants};
 use crate::topics::{Topic, frames, log, tick, warning};
 
+/// Most bytes of a viewer per second: far more than one says.
+const BYTES: usize = 4 << 20;
 /// Most viewers at a time.
 const VIEWERS: usize = 16;
 /// Between two looks at what has come.
@@ -225,7 +227,7 @@ impl Server {
 }
 
 /// Reads the request and makes the connection a viewer's, or answers why not.
-fn admit(hub: &Hub, door: &Door, stream: TcpStream) -> Option<(WebSocket<Metered>, Admitted)> {
+fn admit(hub: &Hub, door: &Door, stream: TcpStream) -> Option<(WebSocket<Metered<TcpStream>>, Admitted)> {
     let spare = stream.try_clone().ok()?;
     let mut judged = None;
     // The type is the handshake's own.
@@ -247,7 +249,7 @@ fn admit(hub: &Hub, door: &Door, stream: TcpStream) -> Option<(WebSocket<Metered
         .write_buffer_size(32 << 10)
         .max_write_buffer_size(1 << 20);
     let begin = Instant::now();
-    let mut shaking = accept_hdr_with_config(Metered::new(stream), judge, Some(config));
+    let mut shaking = accept_hdr_with_config(Metered::new(stream, BYTES), judge, Some(config));
     let socket = loop {
         match shaking {
             Ok(socket) => break Some(socket),

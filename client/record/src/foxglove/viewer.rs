@@ -5,11 +5,13 @@
 
 use std::collections::BTreeMap;
 use std::io::ErrorKind;
+use std::net::TcpStream;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant};
 
+use foretrace_client::metered::Metered;
 use tungstenite::error::ProtocolError;
 use tungstenite::{Bytes, Error, Message as Packet, WebSocket};
 
@@ -17,7 +19,6 @@ use super::guard::{Admitted, Door};
 use super::hub::{Data, Hub, Parameters, Queue};
 use super::orders::{Answer, Orders, What};
 use super::protocol::{self, CHANNELS, Level, Said, Service, Setting};
-use super::wire::Metered;
 
 /// Longest wait for a message, and so between two looks at the queue.
 const WAIT: Duration = Duration::from_millis(2);
@@ -50,7 +51,7 @@ struct Due {
 }
 
 pub(crate) struct Viewer<'a> {
-    socket: WebSocket<Metered>,
+    socket: WebSocket<Metered<TcpStream>>,
     hub: &'a Arc<Hub>,
     queue: &'a Arc<Queue>,
     door: &'a Door,
@@ -74,7 +75,7 @@ pub(crate) struct Viewer<'a> {
 
 impl<'a> Viewer<'a> {
     pub(crate) fn new(
-        socket: WebSocket<Metered>,
+        socket: WebSocket<Metered<TcpStream>>,
         admitted: Admitted,
         (hub, queue): (&'a Arc<Hub>, &'a Arc<Queue>),
         door: &'a Door,
@@ -105,7 +106,7 @@ impl<'a> Viewer<'a> {
 
     /// Serves the viewer until it ends.
     pub(crate) fn serve(mut self, session: &str) {
-        let stream = &self.socket.get_ref().stream;
+        let stream = &self.socket.get_ref().get_ref();
         let timeouts = stream
             .set_read_timeout(Some(WAIT))
             .and_then(|()| stream.set_write_timeout(Some(WRITE)))
@@ -395,7 +396,7 @@ impl<'a> Viewer<'a> {
 }
 
 /// Writes a packet. One that cannot be written waits in the socket's buffer, of bounded size.
-fn write(socket: &mut WebSocket<Metered>, stuck_since: &mut Option<Instant>, packet: Packet) {
+fn write(socket: &mut WebSocket<Metered<TcpStream>>, stuck_since: &mut Option<Instant>, packet: Packet) {
     if socket.write(packet).is_err() {
         stuck_since.get_or_insert_with(Instant::now);
     }

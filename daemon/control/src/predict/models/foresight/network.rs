@@ -196,6 +196,35 @@ mod tests {
     }
 
     #[test]
+    fn a_weight_becomes_the_nearest_bfloat16_and_of_two_the_even_one() {
+        let known = [
+            (0.0, 0x0000),
+            (1.0, 0x3f80),
+            (-2.5, 0xc020),
+            // 2^-8 of a number lies between two: the even one.
+            (1.0 + 1.0 / 256.0, 0x3f80),
+            (1.0 + 3.0 / 256.0, 0x3f82),
+            (-1.0 - 3.0 / 256.0, 0xbf82),
+            // A little beyond: the next one.
+            (1.0 + 1.01 / 256.0, 0x3f81),
+            (1.0 + 2.99 / 256.0, 0x3f81),
+            // Up to the next power.
+            (1.9999, 0x4000),
+        ];
+        for (weight, bits) in known {
+            assert_eq!(narrowed(weight), bits, "{weight}");
+        }
+        for seed in 0..1000 {
+            let weight = number(seed);
+            let error = (f64::from(widened(narrowed(weight))) - weight).abs();
+            assert!(
+                error <= weight.abs() / 255.0 && narrowed(-weight) == narrowed(weight) ^ 0x8000,
+                "{weight}"
+            );
+        }
+    }
+
+    #[test]
     fn every_set_of_instructions_gives_the_same_bits() {
         let network = Network::new(&weights());
         for seed in 0..50 {
