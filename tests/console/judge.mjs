@@ -130,6 +130,25 @@ async function swift(page) {
   check("a mouse of 8000 Hz and 600 samples at once keep their link", sockets === 0 && sent >= 4600, `${sent} samples, ${sockets} links lost`);
 }
 
+// A link that breaks: the control comes back by itself, unless a person gave it back.
+async function relinked(page) {
+  const is = (name) => page.evaluate((name) => globalThis.foretrace[name], name);
+  const broken = async () => {
+    await page.evaluate(() => globalThis.foretrace.drop());
+    await until("the broken link", async () => !await is("linked"), 10);
+    await until("a new link", () => is("linked"), 10);
+  };
+  await broken();
+  await until("the control behind a new link", () => is("mine"), 20);
+  await page.click("#control");
+  await until("the control given back", async () => !await is("mine"), 10);
+  await broken();
+  await pause(2500);
+  check("a page that gave the control back does not take it behind a new link", !await is("mine"));
+  await page.click("#control");
+  await until("the control asked for", () => is("mine"), 10);
+}
+
 // Shows a path of the preview and then none: whether the pad has its colour at two places of it and beside it, and how
 // many ends of lines the arm's picture has of it.
 function previewed() {
@@ -421,6 +440,7 @@ async function judge(browser) {
     (await page.evaluate(() => document.getElementById("mode").textContent)) === "stopped", 20);
   check("a page without token can stop the arm", true);
   await page.mouse.up();
+  await relinked(page);
   const faults = [...page.faults, ...watcher.faults];
   check("no page reports an error of its own", faults.length === 0, faults.join("; "));
   await watcher.context().close();

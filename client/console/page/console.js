@@ -43,6 +43,8 @@ let stops = 0;
 let recording = false;
 // This page had the control when its link broke: it asks again until the console has noticed that.
 let wanted = 0;
+// A person gave the control back: a new link takes it no more by itself.
+let watches = false;
 
 function send(message) {
   if (socket && socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message));
@@ -75,16 +77,19 @@ function answer(done, words) {
   while (list.children.length > 4) list.lastChild.remove();
 }
 
-function controls(now, refused) {
+function controls(now, refused, passing) {
   if (mine && !now) hold.letGo();
   mine = now;
   byId("bound").disabled = !mine;
   byId("control").textContent = mine ? "give it back" : "take control";
   if (mine) wanted = 0;
-  if (refused && wanted > 0) {
+  if (refused && passing && wanted > 0) {
     wanted -= 1;
     setTimeout(() => send({ control: token }), 1000);
-  } else if (refused) answer(false, refused);
+  } else if (refused) {
+    wanted = 0;
+    answer(false, refused);
+  }
   pad.enabled(mine);
 }
 
@@ -95,7 +100,7 @@ function hear(text) {
   if (said.control) {
     // A token that works once was used up: its key opens from here on, in this tab.
     if (said.control.key) token = kept(said.control.key);
-    controls(said.control.mine, said.control.refused);
+    controls(said.control.mine, said.control.refused, said.control.passing);
   }
   if (said.scene) begin(said.scene);
   if (said.frame) {
@@ -199,7 +204,10 @@ document.addEventListener("visibilitychange", () => {
 addEventListener("blur", () => hold.letGo());
 
 byId("stop").addEventListener("click", stop);
-byId("control").addEventListener("click", () => send(mine ? { release: true } : { control: token }));
+byId("control").addEventListener("click", () => {
+  watches = mine;
+  send(mine ? { release: true } : { control: token });
+});
 byId("record").addEventListener("click", () => send({ record: !recording }));
 byId("take-pen").addEventListener("click", () => send({ take_pen: true }));
 for (const button of document.querySelectorAll("[data-ask]")) {
@@ -250,12 +258,12 @@ function connect() {
   socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/socket`);
   socket.onopen = () => {
     for (let count = 0; count < 8; count += 1) setTimeout(() => send({ ping: performance.now() }), 30 * count);
-    if (token) send({ control: token });
+    if (token && !watches) send({ control: token });
   };
   socket.onmessage = (event) => hear(event.data);
   socket.onclose = () => {
     if (mine) wanted = 20;
-    controls(false, null);
+    controls(false, null, false);
     byId("link").textContent = "the console is gone; trying again";
     byId("mode").textContent = "no link";
     setTimeout(connect, 1000);
@@ -265,4 +273,4 @@ setInterval(() => send({ ping: performance.now() }), 1000);
 connect();
 
 // For tests: what a person would see, in numbers.
-globalThis.foretrace = { pad, clock, state, get stops() { return stops; }, get frames() { return frames; }, get mine() { return mine; }, get arm() { return arm; } };
+globalThis.foretrace = { pad, clock, state, drop: () => socket.close(), get linked() { return socket.readyState === WebSocket.OPEN; }, get stops() { return stops; }, get frames() { return frames; }, get mine() { return mine; }, get arm() { return arm; } };

@@ -141,6 +141,14 @@ impl Stops {
     }
 }
 
+/// Why a page does not get the control.
+#[derive(Debug)]
+pub(crate) struct Denied {
+    pub(crate) words: String,
+    /// The same may be granted later.
+    pub(crate) passing: bool,
+}
+
 /// Shared by all threads of a console.
 pub(crate) struct Board {
     keys: Mutex<Keys>,
@@ -237,7 +245,7 @@ impl Board {
     /// # Errors
     ///
     /// Who has it, or that the token is wrong or used; in words.
-    pub(crate) fn take_control(&self, id: u64, address: &str, said: &str) -> Result<Option<String>, String> {
+    pub(crate) fn take_control(&self, id: u64, address: &str, said: &str) -> Result<Option<String>, Denied> {
         let mut keys = locked(&self.keys);
         let judged = keys.judge(said);
         let refused = match judged {
@@ -252,19 +260,23 @@ impl Board {
         };
         if let Some((reason, words)) = refused {
             self.refuse(reason);
-            return Err(words.to_owned());
+            return Err(Denied { words: words.to_owned(), passing: false });
         }
         let mut controller = locked(&self.controller);
         if let Some((_, at)) = controller.as_ref().filter(|(other, _)| *other != id) {
             let words = format!("the page of {at} controls: give the control back there first");
             drop(controller);
             self.refuse("another page controls");
-            return Err(words);
+            return Err(Denied { words, passing: true });
         }
-        let key = match judged {
-            Said::RightOnce => Some(Token::random().map_err(|error| format!("no key can be made: {error}"))?),
-            _ => None,
-        };
+        let key =
+            match judged {
+                Said::RightOnce => Some(Token::random().map_err(|error| Denied {
+                    words: format!("no key can be made: {error}"),
+                    passing: false,
+                })?),
+                _ => None,
+            };
         *controller = Some((id, address.to_owned()));
         Ok(key.map(|key| {
             let text = key.text().to_owned();
@@ -352,9 +364,10 @@ mod tests {
     fn one_page_controls_and_only_with_the_token() {
         let board = board();
         let token = board.token();
-        assert!(board.take_control(1, "here", "x").unwrap_err().contains("token is wrong"));
+        assert!(board.take_control(1, "here", "x").unwrap_err().words.contains("token is wrong"));
         board.take_control(1, "here", &token).unwrap();
-        assert!(board.take_control(2, "there", &token).unwrap_err().contains("the page of here controls"));
+        let denied = board.take_control(2, "there", &token).unwrap_err();
+        assert!(denied.passing && denied.words.contains("the page of here controls"));
         assert!(board.controls(1) && !board.controls(2) && !board.release(2));
         assert!(board.release(1));
         board.take_control(2, "there", &token).unwrap();

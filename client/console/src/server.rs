@@ -301,7 +301,7 @@ fn welcome(board: Arc<Board>, door: Arc<Door>, mut stream: TcpStream, peer: Sock
 
 /// Puts TLS on the connection where pages come under it; one that speaks plain HTTP is told where to go.
 fn begun(door: &Door, mut stream: TcpStream) -> Result<Wire, &'static str> {
-    let Some(certificate) = &door.certificate else { return Ok(Wire::Clear(stream)) };
+    let Some(certificate) = &door.certificate else { return Ok(Wire::clear(stream)) };
     let begin = Instant::now();
     let mut first = [0];
     loop {

@@ -7,11 +7,10 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant};
 
-use foretrace_client::metered::Metered;
 use tungstenite::protocol::{Role, WebSocketConfig};
 use tungstenite::{Error, Message as Packet, WebSocket};
 
-use crate::board::{Board, Order, Reply, What, now_ns};
+use crate::board::{Board, Denied, Order, Reply, What, now_ns};
 use crate::message::{MESSAGE_BYTES, Message, held_at, sample, told_at};
 use crate::wire::Wire;
 
@@ -23,8 +22,6 @@ const WRITE: Duration = Duration::from_millis(20);
 const STUCK: Duration = Duration::from_secs(3);
 /// A page is let go that says nothing for this long: it measures its clock every second.
 const SILENT: Duration = Duration::from_secs(15);
-/// Most bytes of a page per second: a multiple of what the fastest pen needs.
-const BYTES: usize = 4 << 20;
 /// Most messages per second; a pen of 1000 Hz sends one per sample at most.
 const MESSAGES: u32 = 1500;
 
@@ -40,7 +37,7 @@ pub(crate) fn serve(board: &Arc<Board>, stream: Wire, id: u64, address: &str) {
         .max_write_buffer_size(1 << 20);
     let (replies, answers) = channel();
     let mut page = Page {
-        socket: WebSocket::from_raw_socket(Metered::new(stream, BYTES), Role::Server, Some(config)),
+        socket: WebSocket::from_raw_socket(stream, Role::Server, Some(config)),
         board,
         id,
         address,
@@ -56,14 +53,14 @@ pub(crate) fn serve(board: &Arc<Board>, stream: Wire, id: u64, address: &str) {
     // It may be gone.
     let _ = page.socket.close(None);
     let _ = page.socket.flush();
-    page.socket.get_mut().get_mut().end();
+    page.socket.get_mut().end();
     if board.release(id) {
         board.note(&format!("the page of {address} ended ({reason}) and no longer controls"));
     }
 }
 
 struct Page<'a> {
-    socket: WebSocket<Metered<Wire>>,
+    socket: WebSocket<Wire>,
     board: &'a Arc<Board>,
     id: u64,
     address: &'a str,
@@ -203,11 +200,13 @@ impl Page<'_> {
                 self.send(&pong.to_string());
             }
             Message::Control(token) => {
-                let taken = self.board.take_control(self.id, self.address, &token);
-                if taken.is_ok() {
-                    self.board.note(&format!("the page of {} controls", self.address));
-                }
-                let (key, refused) = taken.map_or_else(|refused| (None, Some(refused)), |key| (key, None));
+                let (key, refused) = match self.board.take_control(self.id, self.address, &token) {
+                    Ok(key) => {
+                        self.board.note(&format!("the page of {} controls", self.address));
+                        (key, None)
+                    }
+                    Err(refused) => (None, Some(refused)),
+                };
                 self.controls(refused, key);
             }
             Message::Release(_) => {
@@ -237,9 +236,10 @@ impl Page<'_> {
     }
 
     /// `key`: what opens the control from here on, in place of a token that worked once.
-    fn controls(&mut self, refused: Option<String>, key: Option<String>) {
+    fn controls(&mut self, refused: Option<Denied>, key: Option<String>) {
         let mine = self.board.controls(self.id);
-        let control = serde_json::json!({ "mine": mine, "refused": refused, "key": key });
+        let (refused, passing) = refused.map_or((None, false), |denied| (Some(denied.words), denied.passing));
+        let control = serde_json::json!({ "mine": mine, "refused": refused, "passing": passing, "key": key });
         self.send(&serde_json::json!({ "control": control }).to_string());
     }
 

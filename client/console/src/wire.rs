@@ -2,30 +2,39 @@
 //!
 //! Contract: no call waits for longer than the timeouts of the socket below it, once per piece that moves.
 //! What a peer does not read waits in a buffer of bounded size, and the next write says that it would block.
+//! Bytes are counted before TLS takes them: records without content, also of a handshake, cost work too.
 
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::TcpStream;
 use std::sync::Arc;
 use std::time::Duration;
 
+use foretrace_client::metered::Metered;
 use rustls::{ServerConfig, ServerConnection};
 
 /// The first byte of a TLS handshake. Source: RFC 8446, 5.1 (content type handshake).
 pub(crate) const TLS_BEGINS: u8 = 22;
 
+/// Most bytes of a page per second: a multiple of what the fastest pen needs.
+const BYTES: usize = 4 << 20;
+
 /// A connection.
 pub(crate) enum Wire {
-    Clear(TcpStream),
+    Clear(Metered<TcpStream>),
     Secure(Box<Secure>),
 }
 
 /// A connection under TLS.
 pub(crate) struct Secure {
-    socket: TcpStream,
+    socket: Metered<TcpStream>,
     tls: ServerConnection,
 }
 
 impl Wire {
+    pub(crate) fn clear(socket: TcpStream) -> Self {
+        Self::Clear(Metered::new(socket, BYTES))
+    }
+
     /// Puts TLS on a connection; the handshake goes with the first reads.
     ///
     /// # Errors
@@ -33,13 +42,13 @@ impl Wire {
     /// The settings of TLS do not fit together.
     pub(crate) fn secure(socket: TcpStream, config: &Arc<ServerConfig>) -> io::Result<Self> {
         let tls = ServerConnection::new(config.clone()).map_err(io::Error::other)?;
-        Ok(Self::Secure(Box::new(Secure { socket, tls })))
+        Ok(Self::Secure(Box::new(Secure { socket: Metered::new(socket, BYTES), tls })))
     }
 
     fn socket(&self) -> &TcpStream {
         match self {
-            Self::Clear(socket) => socket,
-            Self::Secure(secure) => &secure.socket,
+            Self::Clear(socket) => socket.get_ref(),
+            Self::Secure(secure) => secure.socket.get_ref(),
         }
     }
 

@@ -182,7 +182,10 @@ fn an_order_that_was_long_under_way_or_from_before_a_stop_is_not_carried_out_and
 
 #[test]
 fn a_message_of_empty_pieces_without_end_ends_the_page_that_sends_it() {
-    let rig = Rig::start();
+    [Rig::start(), Rig::start_lan()].into_iter().for_each(ends_empty_pieces);
+}
+
+fn ends_empty_pieces(rig: Rig) {
     let mut page = rig.page();
     let line = page.0.get_mut();
     // A text that goes on, and pieces of it that go on, all of them empty; masked, as RFC 6455, 5.2 wants.

@@ -106,7 +106,7 @@ impl<'a> Viewer<'a> {
 
     /// Serves the viewer until it ends.
     pub(crate) fn serve(mut self, session: &str) {
-        let stream = &self.socket.get_ref().get_ref();
+        let stream = self.socket.get_ref().get_ref();
         let timeouts = stream
             .set_read_timeout(Some(WAIT))
             .and_then(|()| stream.set_write_timeout(Some(WRITE)))
