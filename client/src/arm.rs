@@ -90,10 +90,10 @@ impl Commands {
 
     /// The newest command ever received, unread or not. Does not allocate once connected.
     pub fn latest(&mut self) -> Option<&JointCommand> {
-        let now_ns = monotonic_now_ns();
-        if let Some(command) = self.subscriber.latest(now_ns) {
+        if let Some(command) = self.subscriber.latest(monotonic_now_ns()) {
             self.newest = Some(command);
-            self.taken_ns = now_ns;
+            // After the look: a command that was sent meanwhile was not taken before.
+            self.taken_ns = monotonic_now_ns();
         }
         self.newest.as_ref()
     }
@@ -111,10 +111,9 @@ impl Commands {
 
     /// Every unread command, oldest first. Returns how many there were.
     pub fn drain(&mut self, mut use_command: impl FnMut(&JointCommand)) -> usize {
-        let now_ns = monotonic_now_ns();
         let (newest, taken_ns) = (&mut self.newest, &mut self.taken_ns);
-        self.subscriber.drain(now_ns, |command| {
-            (*newest, *taken_ns) = (Some(command), now_ns);
+        self.subscriber.drain(monotonic_now_ns(), |command| {
+            (*newest, *taken_ns) = (Some(command), monotonic_now_ns());
             use_command(&command);
         })
     }

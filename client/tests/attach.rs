@@ -205,6 +205,34 @@ fn the_latest_command_stays_until_a_newer_one_comes() {
 }
 
 #[test]
+fn no_echo_says_that_a_command_was_taken_before_it_was_sent() {
+    let rig = Rig::new();
+    let daemon = rig.start();
+    let foretrace = rig.attach();
+    let mut commands = foretrace.commands(Commands::MAX_BUFFER).unwrap();
+    let over = std::sync::atomic::AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        scope.spawn(|| {
+            let mut publisher = daemon.services.joint_cmd.publisher().unwrap();
+            while !over.load(std::sync::atomic::Ordering::Acquire) {
+                publisher.publish(monotonic_now_ns(), JointCommand::default()).unwrap();
+            }
+        });
+        let (mut early, mut sent_ns) = (0, 0);
+        for round in 0..200_000 {
+            if round % 2 == 0 {
+                commands.drain(|command| sent_ns = command.header.stamp_ns);
+            } else if let Some(command) = commands.latest() {
+                sent_ns = command.header.stamp_ns;
+            }
+            early += u64::from(commands.echo().command_accepted_ns < sent_ns);
+        }
+        over.store(true, std::sync::atomic::Ordering::Release);
+        assert_eq!((early, commands.received() > 0), (0, true));
+    });
+}
+
+#[test]
 fn telemetry_counts_what_it_was_too_slow_to_read() {
     let rig = Rig::new();
     let daemon = rig.start();

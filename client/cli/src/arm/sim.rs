@@ -153,7 +153,7 @@ impl Simulation {
         while due < end && !interrupt.is_set() {
             os::sleep_until(due);
             let now = monotonic_now_ns();
-            self.receive(Stamp(now), Stamp(due));
+            self.receive(Stamp(due));
             let mut made = 0;
             while due <= now {
                 self.cycle(due);
@@ -165,11 +165,12 @@ impl Simulation {
         }
     }
 
-    fn receive(&mut self, now: Stamp, due: Stamp) {
+    fn receive(&mut self, due: Stamp) {
         let intake = &mut self.intake;
         if let Some(ports) = &mut self.daemon.ports {
             ports.commands.drain(|command| {
-                intake.receive(command, now, due);
+                // Not at `due`: an echo must not say that a command was taken before it was sent.
+                intake.receive(command, Stamp(monotonic_now_ns()), due);
             });
         }
     }

@@ -289,7 +289,8 @@ impl Bridge {
                 let now_ns = monotonic_now_ns();
                 ports.commands.drain(|command| {
                     judge.see(command);
-                    pilot.take(command, now_ns);
+                    // After it was sent, whatever the machine did between.
+                    pilot.take(command, monotonic_now_ns());
                 });
                 agreement.taken_over(ports.commands.restarts(), now_ns);
                 if let Some(status) = ports.status.as_mut().and_then(StatusReader::latest) {
