@@ -146,7 +146,7 @@ fn stop_while_frozen_programs_hold_all_places() {
         let pids: Vec<String> = holders.iter().map(|holder| holder.pid().to_string()).collect();
         let mut words: Vec<&str> = pids.iter().map(String::as_str).collect();
         words.push("4 places for operators");
-        assert_refused(&scene.world.run(0, &["request", "query", "--timeout", "0.5"]), 1, &words);
+        assert_refused(&scene.world.run(0, &["request", "query", "--timeout", "10"]), 1, &words);
         holders
     });
     scene.end();
