@@ -269,14 +269,11 @@ impl Board {
             self.refuse("another page controls");
             return Err(Denied { words, passing: true });
         }
-        let key =
-            match judged {
-                Said::RightOnce => Some(Token::random().map_err(|error| Denied {
-                    words: format!("no key can be made: {error}"),
-                    passing: false,
-                })?),
-                _ => None,
-            };
+        let no_key = |error| Denied { words: format!("no key can be made: {error}"), passing: false };
+        let key = match judged {
+            Said::RightOnce => Some(Token::random().map_err(no_key)?),
+            _ => None,
+        };
         *controller = Some((id, address.to_owned()));
         Ok(key.map(|key| {
             let text = key.text().to_owned();
