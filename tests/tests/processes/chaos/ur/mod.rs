@@ -49,7 +49,7 @@ fn rounds_of(
             let when = format!("{name}, {series:?}, round {round}");
             moments.wait(1500);
             let from = scene.moves();
-            scene.forget();
+            scene.forget(from);
             fault(&mut scene);
             times.push(1e3 * (scene.watcher.rests() - from).max(0.0));
             scene.judge(&when, braked == Braked::ByProgram);

@@ -18,6 +18,8 @@ const VALID: [&str; 2] = ["--set", "loop.valid_periods=12"];
 const PATIENCE: Duration = Duration::from_secs(5);
 /// From here on an arm has something to brake \[rad/s\].
 const FAST_RADPS: f64 = 0.1;
+/// Between two clients that watch the same controller \[s\].
+const READER_LATE_S: f64 = 0.1;
 const RTDE: u16 = 30004;
 const FAULTS: u16 = 30020;
 
@@ -131,13 +133,14 @@ impl Scene {
         });
     }
 
-    /// Waits until the arm is fast; returns when that was on the controller's clock \[s\]. On a machine that
-    /// keeps no 10 ms an e-Series stops by itself: then it is armed again.
+    /// Waits until the arm is fast, led by targets; returns when that was on the controller's clock \[s\]. On
+    /// a machine that keeps no 10 ms an e-Series stops by itself: then it is armed again.
     pub(super) fn moves(&mut self) -> f64 {
         loop {
             let began = Instant::now();
             while began.elapsed() < Duration::from_secs(2) {
-                if let Some(t) = self.watcher.moving(FAST_RADPS) {
+                let follows = self.reader.as_ref().unwrap_or(&self.watcher).follows();
+                if let Some(t) = self.watcher.moving(FAST_RADPS).filter(|_| follows) {
                     return t;
                 }
                 std::thread::sleep(Duration::from_millis(2));
@@ -146,11 +149,12 @@ impl Scene {
         }
     }
 
-    /// What was seen counts no more.
-    pub(super) fn forget(&self) {
-        self.watcher.forget();
+    /// What was seen before `from_s` counts no more: both as [`Scene::moves`] found it.
+    pub(super) fn forget(&self, from_s: f64) {
+        self.watcher.forget(from_s);
         if let Some(reader) = &self.reader {
-            reader.forget();
+            // It may be behind the other one.
+            reader.forget(from_s - READER_LATE_S);
         }
     }
 

@@ -104,12 +104,17 @@ impl Watcher {
         self.seen.lock().expect("no thread panics")
     }
 
-    /// What was seen counts no more.
-    pub(super) fn forget(&self) {
+    /// What was seen before `from_s` of the controller's clock counts no more, but for the state just before
+    /// it: a motion has to be seen from its beginning.
+    pub(super) fn forget(&self, from_s: f64) {
         let mut seen = self.seen();
-        // The newest two: a motion has to be seen from its beginning.
-        let old = seen.len().saturating_sub(2);
-        seen.drain(..old);
+        let old = seen.partition_point(|sight| sight.t < from_s);
+        seen.drain(..old.saturating_sub(1));
+    }
+
+    /// The program on the controller follows, as it was last seen.
+    pub(super) fn follows(&self) -> bool {
+        self.seen().last().is_some_and(|sight| sight.state == FOLLOWS)
     }
 
     /// When a joint was seen faster than `speed_radps`, if just now, on the controller's clock \[s\].
@@ -180,19 +185,13 @@ impl Watcher {
         if !alone {
             return;
         }
-        assert!(
-            seen.iter().any(|sight| sight.state != FOLLOWS),
-            "{when}: the program did not stop by itself"
-        );
-        // Where none is seen, a busy machine had made it stop just before.
-        let turn = seen.windows(2).find(|pair| pair[0].state == FOLLOWS && pair[1].state != FOLLOWS);
-        if let Some([before, after]) = turn {
-            // An arm that happens to be slow then stands after one cycle, without all of it.
-            let slowest = self.limits.deceleration().iter().copied().fold(f64::INFINITY, f64::min);
-            let fastest = before.qd.iter().fold(0.0, |fastest: f64, qd| fastest.max(qd.abs()));
-            let needed = slowest.min(fastest / (after.t - before.t));
-            assert!(hardest >= LEAST_HARDNESS * needed, "{when}: {hardest} rad/s² from {before:?}");
-        }
+        let turn = seen.windows(2).rfind(|pair| pair[0].state == FOLLOWS && pair[1].state != FOLLOWS);
+        let Some([before, after]) = turn else { panic!("{when}: the program did not stop by itself") };
+        // An arm that happens to be slow then stands after one cycle, without all of it.
+        let slowest = self.limits.deceleration().iter().copied().fold(f64::INFINITY, f64::min);
+        let fastest = before.qd.iter().fold(0.0, |fastest: f64, qd| fastest.max(qd.abs()));
+        let needed = slowest.min(fastest / (after.t - before.t));
+        assert!(hardest >= LEAST_HARDNESS * needed, "{when}: {hardest} rad/s² from {before:?}");
     }
 }
 
