@@ -99,6 +99,7 @@ pub const EFFORT_LIMIT: f64 = 1e5;
 
 impl JointState {
     /// Echoes `command`, accepted at `accepted_ns` on this host's clock, with the identity of its pen sample.
+    /// Read the clock after the command has come: the daemon refuses an echo from before it was sent.
     pub fn echo(&mut self, command: &JointCommand, accepted_ns: u64) {
         self.command_tick = command.tick;
         self.command_accepted_ns = accepted_ns;
