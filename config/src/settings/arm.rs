@@ -167,8 +167,10 @@ section! {
         /// Largest distance of a measured joint from all of those commands. A joint at half of it that moves
         /// away stops the arm as well.
         joint_rad: f64 = Between(0.002, 0.5), Default("0.02"), AtStart, "0.02";
-        /// The same for the tool, along the axes of the plane: several small joint errors add up.
-        tool_m: f64 = Between(0.001, 0.2), Default("0.015"), AtStart, "0.015";
+        /// The same for the tool, along the axes of the plane: several small joint errors add up. Three
+        /// quarters of it stop the arm where one or two joints take the tool so far from where it would be if
+        /// they answered as the others do. Three times as much until the arm has moved for two seconds.
+        tool_m: f64 = Between(0.001, 0.2), Default("0.005"), AtStart, "0.005";
         /// Commanded motion of a joint within a quarter of a second that must show in the measurement: a
         /// joint that then stands still stops the arm.
         still_rad: f64 = Between(0.002, 0.5), Default("0.006"), AtStart, "0.006";

@@ -68,12 +68,14 @@ pub enum StopCause {
     LateTicks,
     /// An obstacle is nearer than the arm may come to it \[m\].
     Clearance,
+    /// A joint does not answer its commands as the rest of the arm does, and takes the tool away \[m\].
+    Response,
 }
 
 choices! {
     StopCause {
         None, JointDeviation, ToolDeviation, WrongDirection, NoMotion, Runaway, Oscillation, SlowArm,
-        Height, Workspace, Tilt, ToolSpeed, LateTicks, Clearance,
+        Height, Workspace, Tilt, ToolSpeed, LateTicks, Clearance, Response,
     }
 }
 

@@ -56,6 +56,7 @@ pub fn stop_detail(detail: &StopDetail) -> shm::StopDetail {
         StopCause::ToolSpeed => shm::StopCause::ToolSpeed,
         StopCause::LateTicks => shm::StopCause::LateTicks,
         StopCause::Clearance => shm::StopCause::Clearance,
+        StopCause::Response => shm::StopCause::Response,
     };
     shm::StopDetail {
         cause: cause.into(),

@@ -6,6 +6,7 @@ mod figures;
 mod lag_online;
 mod legal_settings;
 mod not_following;
+mod odd_joints;
 mod paper_law;
 mod prediction_tables;
 mod preset_edges;

@@ -2,13 +2,16 @@
 //!
 //! Contract: no memory but that of [`lag`], no policy. Planner, solvers and monitors use this description.
 
+mod band;
 pub(crate) mod bodies;
 pub mod chain;
 pub mod lag;
 pub mod limits;
+pub mod response;
 pub(crate) mod servo;
 pub(crate) mod silence;
 mod sincos;
+mod track;
 pub(crate) mod urdf;
 
 pub use bodies::Capsule;

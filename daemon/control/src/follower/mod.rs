@@ -123,7 +123,11 @@ impl<const N: usize, const J: usize> Follower<N, J> {
             learner_doubt_ns: 0,
             lag: Box::new(LagEstimator::new()),
             dead_time: DeadTime::new(settings.dead_time_ns, settings.following).aiming_at(aim),
-            monitor: Monitor::boxed(settings.safety.tracking, settings.longest_lag_ns()),
+            monitor: Monitor::boxed(
+                settings.safety.tracking,
+                settings.longest_lag_ns(),
+                *settings.limits.velocity(),
+            ),
             mover,
             settings,
         })

@@ -2,6 +2,7 @@
 
 use super::Follower;
 use super::io::JointReading;
+use crate::monitor::Known;
 use crate::stop::StopReason;
 use crate::units::Stamp;
 
@@ -12,10 +13,10 @@ impl<const N: usize, const J: usize> Follower<N, J> {
             self.monitor.watched(joints.stamp, &joints.q);
             return;
         }
-        let place = self.settings.chain.forward(&joints.q).position;
-        let tool = self.settings.plane.point_from_base(&place).into();
-        let lag = self.lag.estimate();
-        if let Some(detail) = self.monitor.measured(joints.stamp, &joints.q, &tool, lag.as_ref()) {
+        let (chain, plane) = (&self.settings.chain, &self.settings.plane);
+        let tool_of = |q: &[f64; J]| plane.point_from_base(&chain.forward(q).position).into();
+        let known = Known { lag: self.lag.estimate(), response: Some(&*self.lag) };
+        if let Some(detail) = self.monitor.measured(joints.stamp, &joints.q, &known, tool_of) {
             self.watch.latch_with(now, StopReason::TrackingError, detail);
         }
     }
