@@ -13,6 +13,7 @@ mod output;
 mod interrupt;
 mod values;
 mod settings;
+mod bounded;
 mod attach;
 mod place;
 mod robot;
