@@ -4,6 +4,7 @@
 
 mod band;
 pub(crate) mod bodies;
+pub(crate) mod bounds;
 pub mod chain;
 pub mod lag;
 pub mod limits;
@@ -15,6 +16,7 @@ mod track;
 pub(crate) mod urdf;
 
 pub use bodies::Capsule;
+pub use bounds::LONGEST_BYTES;
 pub use chain::{Chain, ChainLimits, Kinematics, ToolMotion};
 pub use limits::{JointLimits, JointMotion, LimitError, VelocityBox, velocity_box};
 pub use urdf::{ChainError, description};
