@@ -2,7 +2,6 @@
 //! recorder judges by.
 
 use std::path::Path;
-use std::time::Duration;
 
 use foretrace_client::monotonic_now_ns;
 use foretrace_tests::{World, assert_refused, judge, told, until};
