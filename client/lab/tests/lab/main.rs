@@ -7,6 +7,7 @@ mod forged;
 #[path = "../../../../tests/src/forged.rs"]
 mod forging;
 mod lag_online;
+mod lockstep;
 mod legal_settings;
 mod not_following;
 mod odd_joints;

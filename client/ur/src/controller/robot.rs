@@ -73,7 +73,9 @@ impl Robot {
     pub fn new(options: Options) -> Self {
         let q = options.q;
         let dh = Dh::calibrated(options.series, options.calibration_error_m, options.seed, &q);
-        let arm = ArmModel::at_rest(ArmSettings::ur5(options.series.cycle_s(), 0.0), q);
+        let (damping, mechanics) = (options.damping, options.mechanics);
+        let plain = ArmSettings::ur5(options.series.cycle_s(), 0.0);
+        let arm = ArmModel::at_rest(ArmSettings { damping, mechanics, ..plain }, q);
         Self {
             options,
             cycle: 0,
