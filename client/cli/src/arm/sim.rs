@@ -31,8 +31,8 @@ use crate::settings::SettingsArgs;
 ///
 /// The controller takes one command per cycle, adds the pure delay asked for and one cycle, a critically
 /// damped servo with the look-ahead as its group delay (servoj), a joint loop of 2 ms, and clamps at 3.34
-/// rad/s and 40 rad/s². Its joints are ideal unless told otherwise. It brakes by itself when no commands come. Every command received is checked against
-/// the settings' limits; the result is printed at the end.
+/// rad/s and 40 rad/s². Its joints are ideal unless told otherwise. It brakes by itself when no commands
+/// come. Every command received is checked against the settings' limits; the result is printed at the end.
 #[derive(Debug, clap::Args)]
 #[command(
     allow_negative_numbers = true,

@@ -36,7 +36,8 @@ pub enum FaultKind {
     Slow(f64),
     /// The base joint oscillates about its commanded position, growing at this rate \[1/s\].
     Oscillation(f64),
-    /// One joint is no faster than this share of its speed limit, in \[0, 1\]; of a UR5's, where it has none.
+    /// One joint is no faster than this share of its speed limit, in \[0, 1\]; of a UR5's, where that is
+    /// less.
     Ceiling(usize, f64),
     /// One joint goes only this share of each way, in \[0, 1\].
     Gain(usize, f64),
@@ -58,11 +59,9 @@ pub struct Fault {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
     "{0:?} is no fault; give KIND@SECONDS or KIND@SECONDS:VALUE: stuck, paused; locked, frozen, flipped or \
-     wrapped with a joint, 0 \
-     to 5 (0); offset [rad, -6.3 to 6.3] (0.2); runaway [rad/s, -3 to 3] (0.5); slow [share, 0 to 1] (0.3); \
-     oscillation [growth \
-     per second, 0 to 20] (2); ceiling, gain or stiction with JOINT:SIZE, a share of the speed limit or of the \
-     way, 0 to 1, or rad, 0 to 0.5"
+     wrapped with a joint, 0 to 5 (0); offset [rad, -6.3 to 6.3] (0.2); runaway [rad/s, -3 to 3] (0.5); \
+     slow [share, 0 to 1] (0.3); oscillation [growth per second, 0 to 20] (2); ceiling, gain or stiction \
+     with JOINT:SIZE, a share of the speed limit or of the way, 0 to 1, or rad, 0 to 0.5"
 )]
 pub struct NoFault(String);
 

@@ -3,18 +3,19 @@
 //!
 //! Contract: total and deterministic; values that make no sense count as off. Models, per joint:
 //!
-//! - *Stiction and Coulomb friction*, as a position loop of stiffness K feels them, in radians of lead (torque
-//!   / K). A joint that rests stays until the setpoint of its joint loop leads it by more than the breakaway
-//!   threshold; then it slips behind the setpoint less the Coulomb threshold. It sticks again when its speed
-//!   falls below [`STRIBECK_RADPS`], or when the lead no longer exceeds the Coulomb threshold.
+//! - *Stiction and Coulomb friction*, as a position loop of stiffness K feels them, in radians of lead
+//!   (torque / K). A joint that rests stays until the setpoint of its joint loop leads it by more than
+//!   the breakaway threshold; then it slips behind the setpoint less the Coulomb threshold. It sticks
+//!   again when its speed falls below [`STRIBECK_RADPS`], or when the lead no longer exceeds the
+//!   Coulomb threshold.
 //! - *Gain* k: the joint goes the share k of the way that its motor goes, from where both began.
-//! - *Backlash* b: a dead band between motor and joint (the play operator): the joint rests while the motor
-//!   crosses it, and is pushed at its ends, b/2 either way of the middle in which it begins.
-//! - *Payload sag*: a steady deflection of shoulder lift and elbow, gravity torque / stiffness, with the torque
-//!   of a point mass at the wrist of a UR5 that stands upright and both stiffnesses equal. The law knows no
-//!   dynamics, no wrist and no tool; other arms sag by the same formula.
-//! - *Encoder step*: reported positions are whole multiples of it. The reported velocity is not quantised: a
-//!   controller has better ones than differences of two steps.
+//! - *Backlash* b: a dead band between motor and joint (the play operator): the joint rests while the
+//!   motor crosses it, and is pushed at its ends, b/2 either way of the middle in which it begins.
+//! - *Payload sag*: a steady deflection of shoulder lift and elbow, gravity torque / stiffness, with
+//!   the torque of a point mass at the wrist of a UR5 that stands upright and both stiffnesses equal.
+//!   The law knows no dynamics, no wrist and no tool; other arms sag by the same formula.
+//! - *Encoder step*: reported positions are whole multiples of it. The reported velocity is not
+//!   quantised: a controller has better ones than differences of two steps.
 
 use super::servo::JointMotion;
 use super::{JOINTS, Joints};

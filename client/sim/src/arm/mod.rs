@@ -1,12 +1,12 @@
 //! A mathematical model of a UR5 controller: the response of its joints to a stream of joint targets.
 //!
 //! Contract: one call of [`ArmModel::cycle`] is one controller cycle. The target given in one cycle, pure
-//! delay first ([`DelaySettings`]), takes effect in the next (one cycle of delay, reached along a straight
-//! line), passes a second-order servo whose group delay is the look-ahead, critically damped unless told
-//! otherwise, and then a first-order joint loop. Both stages obey the velocity and acceleration clamps. What
-//! follows is ideal unless told otherwise ([`Mechanics`]). Absent: clock, commands and their age (the consumer
-//! of commands keeps that), inertia, elasticity. Source: UR10e, servoj with look-ahead 0.03 s and gain 1200:
-//! about 34 ms between command and motion.
+//! delay first ([`DelaySettings`]), takes effect in the next (one cycle of delay, reached along a
+//! straight line), passes a second-order servo whose group delay is the look-ahead, critically damped
+//! unless told otherwise, and then a first-order joint loop. Both stages obey the velocity and
+//! acceleration clamps. What follows is ideal unless told otherwise ([`Mechanics`]). Absent: clock,
+//! commands and their age (the consumer of commands keeps that), inertia, elasticity. Source: UR10e,
+//! servoj with look-ahead 0.03 s and gain 1200: about 34 ms between command and motion.
 //!
 //! Speed scaling s < 1 (a UR's speed slider) is modelled by two effects that users of streamed targets
 //! report: a target meant for one cycle takes 1/s cycles, and the next one comes before it is reached, so
