@@ -154,6 +154,9 @@ impl Daemon {
         for remark in self.config.remarks() {
             warn!("{remark}");
         }
+        for note in self.config.notes() {
+            info!("{note}");
+        }
         words
     }
 

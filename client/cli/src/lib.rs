@@ -43,6 +43,7 @@ mod enable;
 mod move_home;
 mod calibrate;
 mod stopped;
+mod torque;
 mod extent;
 mod status;
 mod demo;

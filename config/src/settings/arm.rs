@@ -1,6 +1,6 @@
 //! Sections about the arm: inverse kinematics, robot, timing, safety.
 
-use super::{QpBackend, UrSection};
+use super::{PayloadSection, QpBackend, UrSection};
 use crate::schema::{Legal::*, Presence::*, section, words};
 
 section! {
@@ -78,6 +78,8 @@ section! {
         controller_rate_hz: u32 = Between(50.0, 8000.0), Required, AtStart, "125 for a UR5, 500 for a UR5e";
     }
     sections {
+        /// What it carries.
+        payload @ "payload": PayloadSection;
         /// What only arms of Universal Robots have.
         ur @ "ur": UrSection;
     }

@@ -10,6 +10,7 @@ mod foresight;
 mod plan;
 mod arm;
 mod clearance;
+mod payload;
 mod ur;
 
 pub use arm::{Arming, EnvelopeSection, Ik, RobotSection, SlowArmChoice, Timing, Tracking};
@@ -19,6 +20,7 @@ pub use foresight::{
     ScaleSection, TraceChoice, TrustMode, TrustSection,
 };
 pub use hand::Pen;
+pub use payload::PayloadSection;
 pub use plan::{AxisLimits, Gains, Limits, Mpc, Penalty, QpBackend};
 pub use plane::PlaneSection;
 pub use process::{Instance, Loop, Telemetry};

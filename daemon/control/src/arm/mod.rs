@@ -1,4 +1,4 @@
-//! The arm: its kinematic chain, the limits of its joints, and its lag.
+//! The arm: its kinematic chain, its torques, the limits of its joints, and its lag.
 //!
 //! Contract: no memory but that of [`lag`], no policy. Planner, solvers and monitors use this description.
 
@@ -6,6 +6,7 @@ mod band;
 pub(crate) mod bodies;
 pub(crate) mod bounds;
 pub mod chain;
+pub mod dynamics;
 pub mod lag;
 pub mod limits;
 pub mod response;
@@ -18,5 +19,6 @@ pub(crate) mod urdf;
 pub use bodies::Capsule;
 pub use bounds::LONGEST_BYTES;
 pub use chain::{Chain, ChainLimits, Kinematics, ToolMotion};
+pub use dynamics::{Dynamics, DynamicsError, Payload};
 pub use limits::{JointLimits, JointMotion, LimitError, VelocityBox, velocity_box};
 pub use urdf::{ChainError, description};

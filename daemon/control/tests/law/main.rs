@@ -12,6 +12,7 @@ mod clearance_stops;
 mod clearance_way;
 mod dybm;
 mod dybm_esn;
+mod dynamics;
 mod envelope;
 mod skill;
 mod state;
