@@ -1,17 +1,19 @@
-//! What the joints' effort leaves for acceleration over the writing plane, against the limits of the settings.
+//! What the joints' effort leaves for acceleration over the writing plane, against the settings' limits.
 //!
 //! Contract: computed once, at start or on request; some 400 poses, well below a second. Of each pose
 //!
-//!   a_j = (effort_j − |gravity_j| − friction_j) / (M_jj + rotor)          one joint alone,
-//!   a   = min_j (effort_j − |gravity_j| − friction_j) / Σ_k |M_jk|        all joints at once, any signs,
+//!   a_j = min_k (effort_k − |gravity_k| − friction_k) / |M_kj|      one joint alone, the others hold still,
+//!   a   = min_k (effort_k − |gravity_k| − friction_k) / Σ_j |M_kj|  all joints at once, any signs,
 //!
-//! at rest: what velocities add (Coriolis) is left out. Friction is that of the URDF's `<dynamics>`, its
+//! with the rotors' inertia on the diagonal of M. k = j is the joint's own effort, which decides but where a
+//! joint nearer to the base cannot hold against it (an elbow's motion, at the shoulder). At rest: what
+//! velocities add (Coriolis) is left out. Friction is that of the URDF's `<dynamics>`, its
 //! viscous part at half of the velocity limit; where a joint states none, [`FRICTION_SHARE`] of its effort is
 //! assumed. URDF knows no rotors: [`ROTOR_KGM2`] is assumed for every joint. The base stands upright.
 
 use foretrace_control::arm::{DynamicsError, Payload};
 use foretrace_control::ik::{ToolTarget, solve_pose};
-use nalgebra::Vector3;
+use nalgebra::{SMatrix, Vector3};
 
 use crate::robot::{JOINTS, Robot};
 use crate::settings::{PayloadSection, PlaneSection, Settings};
@@ -51,7 +53,7 @@ pub struct JointHeadroom {
     pub friction_assumed: bool,
     /// Largest inertia about the joint, rotor included \[kg m²\].
     pub inertia: f64,
-    /// Least and median acceleration of this joint alone [rad/s²]; 0 where it cannot hold itself.
+    /// Least and median acceleration of this joint alone [rad/s²]; 0 where the arm cannot hold itself.
     pub alone: [f64; 2],
     /// Where the least is, in the plane's frame \[m\].
     pub worst: [f64; 3],
@@ -96,15 +98,19 @@ pub(crate) fn headroom(settings: &Settings, robot: &Robot) -> Result<Headroom, D
     let mut alone: [Vec<f64>; JOINTS] = Default::default();
     let mut together = Vec::new();
     for (point, q) in poses(&settings.plane, robot) {
-        let (gravity, mass) = (dynamics.gravity(&q), dynamics.mass_matrix(&q));
-        let mut all = f64::INFINITY;
-        for (index, (joint, gravity)) in joints.iter_mut().zip(gravity).enumerate() {
-            let inertia = mass[(index, index)] + ROTOR_KGM2;
-            let room = (joint.effort - gravity.abs() - joint.friction).max(0.0);
-            let left = room / inertia;
-            all = all.min(room / (mass.row(index).abs().sum() + ROTOR_KGM2));
+        let mass = dynamics.mass_matrix(&q) + SMatrix::from_diagonal_element(ROTOR_KGM2);
+        let mut room = [0.0; JOINTS];
+        for ((room, joint), gravity) in room.iter_mut().zip(&mut joints).zip(dynamics.gravity(&q)) {
             joint.gravity = joint.gravity.max(gravity.abs());
-            joint.inertia = joint.inertia.max(inertia);
+            *room = (joint.effort - gravity.abs() - joint.friction).max(0.0);
+        }
+        let least = |inertias: Vec<f64>| {
+            room.iter().zip(inertias).map(|(room, inertia)| room / inertia).fold(f64::INFINITY, f64::min)
+        };
+        let all = least(mass.row_iter().map(|row| row.abs().sum()).collect());
+        for (index, joint) in joints.iter_mut().enumerate() {
+            let left = least(mass.column(index).iter().map(|inertia| inertia.abs()).collect());
+            joint.inertia = joint.inertia.max(mass[(index, index)]);
             if left < joint.alone[0] {
                 (joint.alone[0], joint.worst) = (left, point);
             }
@@ -207,9 +213,9 @@ impl Headroom {
         let (kg, percent) = (self.payload.mass, 100.0 * share);
         let least = worst.alone[0];
         let what = if key == DECELERATION {
-            "an arm that brakes by itself there takes longer than is promised"
+            "an arm that brakes by itself takes longer than is promised"
         } else {
-            "a command that asks for all of it there leaves the arm behind"
+            "a command that asks for all of it leaves the arm behind"
         };
         let friction = if worst.friction_assumed {
             format!("{friction:.1} Nm of assumed friction")
@@ -222,10 +228,10 @@ impl Headroom {
             format!("joint `{name}` can hardly hold itself: carry less, or move plane.origin_m nearer")
         };
         format!(
-            "{key} = {asked} of joint `{name}`: with {kg} kg carried, its {effort} Nm leave {least:.1} rad/s² \
-             after gravity and {friction} where the pen is at [{x:.3}, {y:.3}, {z:.3}] m of the plane, the \
-             least of {} poses; {percent:.0} % of them leave {asked}. There {what} (docs/decisions/0027-\
-             limits-that-the-arm-has.md); {remedy}",
+            "{key} = {asked} of joint `{name}` ({effort} Nm): with {kg} kg carried, gravity and {friction} \
+             leave {least:.1} rad/s² where the pen is at [{x:.3}, {y:.3}, {z:.3}] m of the plane, the \
+             least of {} poses; {percent:.0} % of them leave {asked}. Where they do not, {what} \
+             (`foretrace config torque`); {remedy}",
             self.poses,
         )
     }

@@ -44,8 +44,8 @@ pub use wire::{
     tick_input::{PEN_PER_PART, PenInput, TickInput},
     tick_record::{Chain, PATH_POINTS, TickRecord},
     vocabulary::{
-        ControlOp, ControlStatus, FaultReason, Mode, REJECT_REASONS, RejectReason, Rung, STAGES, SolverPath,
-        Stage, TrustReason, UnknownValue,
+        ControlOp, ControlStatus, EffortUnit, FaultReason, Mode, REJECT_REASONS, RejectReason, Rung, STAGES,
+        SolverPath, Stage, TrustReason, UnknownValue,
     },
 };
 

@@ -1,6 +1,6 @@
 //! Sections about the arm: inverse kinematics, robot, timing, safety.
 
-use super::{PayloadSection, QpBackend, UrSection};
+use super::{ContactSection, PayloadSection, QpBackend, UrSection};
 use crate::schema::{Legal::*, Presence::*, section, words};
 
 section! {
@@ -145,6 +145,8 @@ section! {
     sections {
         /// Bounds of the tracking monitor.
         tracking @ "tracking": Tracking;
+        /// When efforts mean that the arm touches something.
+        contact @ "contact": ContactSection;
         /// How far the tool may go.
         envelope @ "envelope": EnvelopeSection;
     }

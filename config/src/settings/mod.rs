@@ -11,10 +11,12 @@ mod plan;
 mod arm;
 mod clearance;
 mod payload;
+mod contact;
 mod ur;
 
 pub use arm::{Arming, EnvelopeSection, Ik, RobotSection, SlowArmChoice, Timing, Tracking};
 pub use clearance::ClearanceSection;
+pub use contact::ContactSection;
 pub use foresight::{
     ArRlsSection, DybmSection, EsnSection, Learner, MixtureSection, Optimiser, Predictor, RefineSection,
     ScaleSection, TraceChoice, TrustMode, TrustSection,

@@ -43,7 +43,7 @@ fn without_friction_the_figures_are_those_of_a_sweep_with_pinocchio() {
 #[test]
 fn shipped_settings_with_a_pen_are_noted_and_not_warned_of() {
     for name in ["ur5", "ur5e"] {
-        for kg in ["0", "0.3"] {
+        for kg in ["0.3", "1"] {
             let config = carrying(name, kg);
             assert_eq!(config.remarks(), Vec::<String>::new());
             let notes = config.notes();

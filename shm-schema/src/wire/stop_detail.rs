@@ -40,6 +40,8 @@ wire_enum! {
         Clearance = 13 => "too near",
         /// A joint does not answer its commands as the rest of the arm does, and takes the tool away \[m\].
         Response = 14 => "response of a joint",
+        /// A joint's effort is off what its motion needs in free space \[Nm\].
+        Effort = 15 => "effort",
     }
 }
 
@@ -123,6 +125,10 @@ impl fmt::Display for StopDetail {
                 f,
                 "joint {joint} does not answer as the rest of the arm: it takes the tool {amount_mm:.1} mm from \
                  where it would be, limit {limit_mm:.1} mm"
+            ),
+            StopCause::Effort => write!(
+                f,
+                "joint {joint} bears {amount:.1} Nm more than its motion needs, limit {limit:.1} Nm for long"
             ),
             StopCause::LateTicks => write!(
                 f,

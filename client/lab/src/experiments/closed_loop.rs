@@ -217,6 +217,7 @@ impl<const N: usize> LoopDesk<N> {
             now: self.now,
             pen: due,
             joints: Some(&joints),
+            effort: None,
             enable: None,
             request: if self.armed { request } else { Some(Request::Arm) },
             halt: None,

@@ -9,8 +9,8 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 use thiserror::Error;
 use urdf_rs::{Joint, JointType, Robot};
 
-use crate::arm::bounds::bounded;
 use crate::arm::bodies::{Bodies, bodies, places};
+use crate::arm::bounds::bounded;
 use crate::arm::dynamics::{DynamicsError, Inertia, inertias};
 
 /// Why a robot description cannot be used.

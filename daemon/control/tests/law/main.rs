@@ -10,6 +10,7 @@ mod clearance_motion;
 mod clearance_rows;
 mod clearance_stops;
 mod clearance_way;
+mod contact;
 mod dybm;
 mod dybm_esn;
 mod dynamics;

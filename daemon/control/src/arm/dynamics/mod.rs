@@ -128,8 +128,8 @@ impl<const J: usize> Dynamics<J> {
         self.torque(q, &[0.0; J], &[0.0; J])
     }
 
-    /// The joint-space inertia at `q` \[rad\], J x J, symmetric \[kg m²\]: torque = M q̈ + what velocities and
-    /// gravity ask.
+    /// The joint-space inertia at `q` \[rad\], J x J, symmetric \[kg m²\]: torque = M q̈ + what velocities
+    /// and gravity ask.
     #[must_use]
     pub fn mass_matrix(&self, q: &[f64; J]) -> SMatrix<f64, J, J> {
         let steps = self.steps(q);
@@ -141,8 +141,11 @@ impl<const J: usize> Dynamics<J> {
             let z = Vector3::z();
             let mut wrench = Wrench { force: z.cross(&composite.moment), moment: composite.tensor * z };
             for (j, step) in steps.iter().enumerate().take(i + 1).rev() {
-                let value = wrench.moment.z;
-                (matrix[(i, j)], matrix[(j, i)]) = (value, value);
+                for place in [(i, j), (j, i)] {
+                    if let Some(entry) = matrix.get_mut(place) {
+                        *entry = wrench.moment.z;
+                    }
+                }
                 wrench = wrench.before(step);
             }
             composite = composite.seen_from(&step.rotation, &step.translation);
