@@ -321,7 +321,8 @@ mod tests {
                 self.0.work(1_000);
             }
         }
-        let mut cyclic = Cyclic::new(Bombarded(SimulatedClock::at(0)), rhythm(50_000));
+        let clock = SimulatedClock { read_ns: 10, ..SimulatedClock::at(0) };
+        let mut cyclic = Cyclic::new(Bombarded(clock), rhythm(50_000));
         for k in 0..1000 {
             let wake = cyclic.wait();
             assert_eq!((wake.index, wake.skipped), (k, 0));

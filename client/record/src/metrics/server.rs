@@ -81,6 +81,7 @@ struct Inside {
     gave_way: u64,
     turned_away: u64,
     timed_out: u64,
+    too_long: u64,
 }
 
 #[derive(Debug)]
@@ -149,6 +150,16 @@ impl Seat {
         }
     }
 
+    fn count(&self, error: &io::Error) {
+        let mut inside = self.room.inside();
+        match error.kind() {
+            io::ErrorKind::TimedOut | io::ErrorKind::WouldBlock => inside.timed_out += 1,
+            io::ErrorKind::InvalidData => inside.too_long += 1,
+            // It went away, or had to.
+            _ => {}
+        }
+    }
+
     /// What became of peers, as metrics.
     fn tally(&self) -> String {
         let inside = self.room.inside();
@@ -156,9 +167,12 @@ impl Seat {
             "# HELP foretrace_metrics_peers_refused_total Peers of these metrics that got no answer.\n\
                         # TYPE foretrace_metrics_peers_refused_total counter\n"
                 .to_owned();
-        for (reason, count) in
-            [("gave way", inside.gave_way), ("no place", inside.turned_away), ("too slow", inside.timed_out)]
-        {
+        for (reason, count) in [
+            ("gave way", inside.gave_way),
+            ("no place", inside.turned_away),
+            ("too slow", inside.timed_out),
+            ("too long", inside.too_long),
+        ] {
             let _ = writeln!(text, "foretrace_metrics_peers_refused_total{{reason=\"{reason}\"}} {count}");
         }
         text
@@ -172,11 +186,7 @@ impl Drop for Seat {
 }
 
 fn answer(peer: &mut TcpStream, board: &Board, seat: &Seat) -> io::Result<()> {
-    let asked = heard(peer).inspect_err(|error| {
-        if slow(error) {
-            seat.room.inside().timed_out += 1;
-        }
-    })?;
+    let asked = heard(peer).inspect_err(|error| seat.count(error))?;
     seat.asked();
     let line = asked.split(|byte| *byte == b'\r').next().unwrap_or_default();
     let mut words = line.split(|byte| *byte == b' ');
@@ -190,18 +200,17 @@ fn answer(peer: &mut TcpStream, board: &Board, seat: &Seat) -> io::Result<()> {
          {}\r\nConnection: close\r\n\r\n",
         body.len()
     );
-    told(peer, &[head.as_bytes(), body.as_bytes()].concat()).inspect_err(|error| {
-        if slow(error) {
-            seat.room.inside().timed_out += 1;
-        }
-    })
+    told(peer, &[head.as_bytes(), body.as_bytes()].concat()).inspect_err(|error| seat.count(error))
 }
 
-/// The head of a request, or as much as fits.
+/// The head of a request, or what came before its end.
 fn heard(peer: &mut TcpStream) -> io::Result<Vec<u8>> {
     let until = Instant::now() + ASKING;
     let (mut asked, mut room) = (Vec::new(), [0; 1024]);
-    while !asked.windows(4).any(|end| end == b"\r\n\r\n") && asked.len() < LONGEST_REQUEST {
+    while !asked.windows(4).any(|end| end == b"\r\n\r\n") {
+        if asked.len() > LONGEST_REQUEST {
+            return Err(io::ErrorKind::InvalidData.into());
+        }
         peer.set_read_timeout(Some(left(until)?))?;
         let came = peer.read(&mut room)?;
         if came == 0 {
@@ -230,10 +239,6 @@ fn told(peer: &mut TcpStream, mut bytes: &[u8]) -> io::Result<()> {
 fn left(until: Instant) -> io::Result<Duration> {
     let left = until.saturating_duration_since(Instant::now());
     if left.is_zero() { Err(io::ErrorKind::TimedOut.into()) } else { Ok(left) }
-}
-
-fn slow(error: &io::Error) -> bool {
-    matches!(error.kind(), io::ErrorKind::TimedOut | io::ErrorKind::WouldBlock)
 }
 
 #[cfg(test)]
@@ -271,8 +276,13 @@ mod tests {
         assert!(told.contains(&gave_way), "{told}");
         assert!(ask(address, b"GET / HTTP/1.1\r\n\r\n").starts_with("HTTP/1.1 404"));
         assert!(ask(address, b"\xff\xff\xff\r\n\r\n").starts_with("HTTP/1.1 400"));
-        let endless = [b"GET /metrics HTTP/1.1\r\nA: ".to_vec(), vec![b'a'; LONGEST_REQUEST]].concat();
-        assert!(ask(address, &endless).starts_with("HTTP/1.1 200"));
+        let mut endless = TcpStream::connect(address).unwrap();
+        let begin = Instant::now();
+        while endless.write_all(&[b'a'; 1024]).is_ok() {
+            assert!(begin.elapsed() < Duration::from_secs(60));
+        }
+        let told = ask(address, SCRAPE);
+        assert!(told.contains("refused_total{reason=\"too long\"} 1\n"), "{told}");
     }
 
     #[test]
@@ -321,7 +331,8 @@ mod tests {
         loop {
             // The end is a byte count of zero, or a reset.
             match dripping.write_all(b"a").and_then(|()| dripping.read(&mut end)) {
-                Err(error) if slow(&error) => {}
+                Err(error) if matches!(error.kind(), io::ErrorKind::TimedOut | io::ErrorKind::WouldBlock) => {
+                }
                 _ => break,
             }
             assert!(begin.elapsed() < Duration::from_secs(60));
