@@ -72,7 +72,7 @@ fn layouts_are_pinned() {
             ("reserved", 236, 4),
             ("line", 240, 32),
         ],
-        0xe7ea8b1a2e87f899,
+        0xfa3fef3231697b93,
     );
     pinned::<Enable>(32, 8, &[("header", 0, 24), ("stop", 24, 4), ("reserved", 28, 4)], 0x3c1fff8545064dfc);
     pinned::<PredictorName>(28, 1, &[("bytes", 0, 28)], 0x08c660f65a7c8001);
@@ -433,7 +433,7 @@ fn layouts_of_recorded_inputs_are_pinned() {
             ("health", 460, 4),
             ("pen", 464, 448),
         ],
-        0xdcd45cdcd03df669,
+        0x2aee40fa31bf27d1,
     );
     pinned::<Piece>(
         4168,
