@@ -1,7 +1,8 @@
 """An arm with physics: MuJoCo on foretrace's own URDF, behind a servo of a stated filter.
 
-Servo, per joint: a reference filter of second order, w = 2 zeta / delay, exact for targets that go straight within a
-tick; then computed torque with a *nominal* model (pen of 0.3 kg) and a critically damped PD of 20 Hz, half of the
+Servo, per joint: a target takes effect a controller's cycle after it came; then a reference filter of second order,
+w = 2 zeta / delay, exact for targets that go straight within a cycle: with 32 ms at 500 Hz as late as foretrace's own
+arm (34 ms); then computed torque with a *nominal* model (pen of 0.3 kg) and a critically damped PD of 20 Hz, half of the
 nominal friction compensated, torques clipped to the URDF's limits. The plant adds Coulomb and viscous friction,
 reflected rotor inertia, and whatever the case changes. Contacts are springs and dampers of our own at a point, with
 Coulomb friction: their stiffness is exactly what is stated, which MuJoCo's soft contacts are not. The tip of a spring
@@ -49,7 +50,7 @@ class Case:
 
     name: str
     preset: str = "ur5e"
-    delay_s: float = 0.030
+    delay_s: float = 0.032
     zeta: float = 1.0
     cycle_s: float = 0.002
     payload_kg: float = 0.0
@@ -106,18 +107,20 @@ class Arm:
         self.q = np.array(home)
         self.real.qpos[:] = self.q
         self.reference, self.reference_qd = self.q.copy(), np.zeros(6)
-        self.target = self.target_before = self.q.copy()
+        self.newest = self.target = self.target_before = self.q.copy()
         self.ceiling = speeds * np.array([case.slow.get(joint, np.inf) for joint in range(6)])
         self.integral = np.zeros(6)
         self.ticks, self.t_s = 0, 0.0
         self.every = max(1, round(case.cycle_s / period_s))
+        self.group_delay_s = case.delay_s + self.every * period_s
         self.log = []
         mujoco.mj_forward(self.plant, self.real)
 
     def step(self, q, _qd, enabled):
         """Moves through one tick with the joints [rad] for its end; not enabled: holds the last target."""
         if self.ticks % self.every == 0:
-            self.target_before, self.target = self.target, np.array(q) if enabled else self.target
+            self.target_before, self.target = self.target, self.newest
+            self.newest = np.array(q) if enabled else self.newest
             self.into = 0.0
         self.ticks += 1
         force, saturated, torque, forces = np.zeros(3), 0, np.zeros(6), {}

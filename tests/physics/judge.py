@@ -78,12 +78,14 @@ for preset, cycle_s in (("ur5e", 0.002), ("ur5", 0.008)):
             shapes[pen] = ticks
         who = f"nominal {preset}, {pen}"
         claim(who, "no stop, no illegal command", not figures["stop"] and figures["illegal"] == 0, figures["stop"])
+        for text, holds, seen in check(preset, ticks):
+            claim(who, text, holds, seen)
+        if preset != "ur5e":
+            continue  # foretrace's own arm cycles at the loop's rate: at 125 Hz it would be another one
         told, _ = own(PROGRAM, preset, PENS[pen])
         own_mm = 1e3 * math.sqrt(told["rows"][0]["mse_m2"])
         off = figures["rms_mm"] / own_mm - 1
         claim(who, "error within 5 % of foretrace's own arm, or 0.05 mm", abs(off) <= 0.05 or abs(figures["rms_mm"] - own_mm) <= 0.05, f"({100 * off:+.1f} %, {own_mm:.2f} mm)")
-        for text, holds, seen in check(preset, ticks):
-            claim(who, text, holds, seen)
 
 benign = [
     replace(nominal, name="zeta 0.7", zeta=0.7),
@@ -132,7 +134,8 @@ for name, walls, today_n in bad:
         claim(who, "within 0.5 s of touching", figures["stop"] != "" and figures["touched_before_stop_s"] <= 0.5, f"({figures['touched_before_stop_s']:.2f} s)")
         claim(who, f"with less than half of {today_n:.0f} N at the stop", figures["stop"] != "" and figures["force_max_n"] < 0.5 * today_n, f"({figures['force_max_n']:.0f} N)")
 
-for joint in (1, 3):
+# A wrist at a tenth of its speed takes the tool nowhere: that it is slow does no harm, and is not looked for.
+for joint in (0, 1):
     if wanted("slow"):
         figures, _ = run(replace(nominal, name=f"joint {joint} at 10 %", slow={joint: 0.1}), pens[0])
         claim(f"joint {joint} at a tenth of its speed", "is noticed", bool(figures["stop"]), figures["stop"])

@@ -41,11 +41,10 @@ def listen(path):
 
 
 def serve(connection, make_arm):
-    """One run: `make_arm(home, period_s)` gives an arm with `q` and `step(q, qd, enabled) -> q, qd, effort`."""
+    """One run: `make_arm(home, period_s)` gives an arm: `q`, `group_delay_s` (-1: unknown), `step(q, qd, enabled) -> q, qd, effort`."""
     period_ns, _begin, *home = receive(connection, 1, LAW_HELLO)
     arm = make_arm(home, period_ns * 1e-9)
-    # Group delay unknown (-1): the law keeps its settings' dead time and measures the rest.
-    connection.sendall(message(2, ARM_HELLO.pack(1e9 / period_ns, -1.0, NEWTON_METRE, 0, *arm.q)))
+    connection.sendall(message(2, ARM_HELLO.pack(1e9 / period_ns, arm.group_delay_s, NEWTON_METRE, 0, *arm.q)))
     while (command := receive(connection, 3, COMMAND)) is not None:
         until, tick, enabled, _, *numbers = command
         q, qd, effort = arm.step(numbers[:6], numbers[6:], enabled == 1)
