@@ -183,6 +183,7 @@ mod tests {
                 | StopCause::Clearance
                 | StopCause::Response => ["250.0", "125.0"],
                 StopCause::SlowArm | StopCause::LateTicks => ["25 %", "12 %"],
+                StopCause::Effort => ["0.2 Nm", "0.1 Nm"],
                 _ => ["0.250", "0.125"],
             };
             assert!(text.contains(amount) && text.contains(limit), "{text}");
