@@ -77,6 +77,8 @@ pub trait DeskArm: std::fmt::Debug + Send {
 }
 
 /// The built-in arms.
+// It is copied once a run; a box would make every use of it a clone.
+#[allow(clippy::large_enum_variant)]
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ArmKind {
     /// Follows commands exactly, without delay.
