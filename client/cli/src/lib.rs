@@ -80,7 +80,7 @@ struct Arguments {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    Demo(demo::DemoArgs),
+    Demo(Box<demo::DemoArgs>),
     Daemon(daemon::DaemonArgs),
     Play(play::PlayArgs),
     Tablet(tablet::TabletArgs),
@@ -97,7 +97,7 @@ enum Command {
     /// Arms to plug into the loop
     #[command(subcommand)]
     Arm(arm::ArmCommand),
-    UrSim(ur_sim::UrSimArgs),
+    UrSim(Box<ur_sim::UrSimArgs>),
     #[command(hide = true)]
     UrEcho(ur_echo::UrEchoArgs),
     Request(request::RequestArgs),

@@ -19,6 +19,9 @@ use crate::failure::Failure;
 use crate::output::{JsonArgs, note, say};
 use crate::settings::SettingsArgs;
 
+/// The hands to write, on the paper of each arm.
+type HandsOfArms = Vec<(BenchArm, Vec<Hand>)>;
+
 #[derive(Debug, clap::Args)]
 pub(crate) struct ClosedLoopArgs {
     /// Data-set folder
@@ -202,7 +205,7 @@ fn written(
     args: &ClosedLoopArgs,
     arms: Vec<BenchArm>,
     config: &Config,
-) -> Result<(String, Vec<(BenchArm, Vec<Hand>)>), Failure> {
+) -> Result<(String, HandsOfArms), Failure> {
     let Some(folder) = &args.data else {
         let texts = |arm| {
             let styles = (1..).zip(&args.text);
