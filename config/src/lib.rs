@@ -8,7 +8,7 @@
 
 #![forbid(unsafe_code)]
 
-pub mod files;
+mod files;
 mod plain;
 mod nearest;
 mod written;

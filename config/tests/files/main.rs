@@ -4,7 +4,3 @@ mod models;
 mod prior;
 mod models_fuzz;
 mod settings_fuzz;
-
-mod forged;
-#[path = "../../../tests/src/forged.rs"]
-mod forging;

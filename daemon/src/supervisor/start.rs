@@ -25,7 +25,6 @@ use crate::learner::{self, LearnerBoard, LearnerLinks};
 use crate::memory::{self, ReserveError};
 use crate::options::{Options, Rights};
 use crate::ports::shm::{IpcPorts, ShmPorts};
-use crate::reload::Reloads;
 use crate::rt::os::{self, Right};
 use crate::rt::stops::StopFlag;
 use crate::rt::thread::{self, RtNews, RtOrders};
@@ -99,7 +98,7 @@ impl Daemon {
 
         let settings = ipc_settings(&config);
         let (ipc_orders, ipc_ordered) = channel::bounded(64);
-        let (reload_in, reload) = channel::bounded(16);
+        let (reload_in, reload) = channel::bounded(1);
         let ghost = match config.settings().telemetry.ghost {
             true => GhostShell::new(config.follower_settings(), config.settings().mpc.horizon)?,
             false => GhostShell::none(),
@@ -129,7 +128,6 @@ impl Daemon {
             ipc: Some(ipc),
             ipc_orders,
             reload,
-            reloads: Reloads::default(),
             learner: Some(learner),
             learner_orders,
             quit,

@@ -3,9 +3,6 @@
 mod closed_loop;
 mod desk;
 mod figures;
-mod forged;
-#[path = "../../../../tests/src/forged.rs"]
-mod forging;
 mod lag_online;
 mod lockstep;
 mod legal_settings;
