@@ -5,7 +5,7 @@
 //! that reports no effort and for a description without masses. Never a safety function: a learned
 //! expectation has no guarantee, and a contact that began before it was learned is part of it.
 //!
-//! The expectation ([`fit`]) is learned while the tool is told to be lifted, moves, and shows no excess; it
+//! The expectation is learned while the tool is told to be lifted, moves, and shows no excess; it
 //! survives stops. After each arming it counts once it was confirmed by motion for
 //! [`ContactSettings::learn_ns`]. Its own uncertainty widens the limit, as does the friction of a joint that
 //! hardly moves, which may hold anything up to that. Excesses are summed as in Page's test (1954, *Continuous

@@ -1,7 +1,7 @@
 //! The response that fits the arm as a whole, and where it would have every joint now.
 //!
 //! Contract: all joints of an arm answer their commands in the same way: after a delay, through a servo of
-//! second order. [`Response`] estimates that answer from commands and joint states in normal operation, from
+//! second order. The estimator takes that answer from commands and joint states in normal operation, from
 //! the joints that agree with each other: up to two that do not are left out, so that a faulty joint cannot
 //! explain itself. [`Expected`] is what the arm's own answer makes of the commands. Pure, total, no
 //! allocation; bounded work, once per grid step of 10 ms. Absent: gravity, saturation, joints with answers of
