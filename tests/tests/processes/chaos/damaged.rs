@@ -61,7 +61,7 @@ fn status_and_requests_end_whatever_a_segment_holds() {
     for path in segments(&world) {
         let Ok(whole) = std::fs::read(&path) else { continue };
         let half = whole.get(..whole.len() / 2).unwrap_or_default().to_vec();
-        let noise: Vec<u8> = (0..whole.len()).map(|at| (at * 167 >> 3) as u8 | 1).collect();
+        let noise: Vec<u8> = (0..whole.len()).map(|at| ((at * 167) >> 3) as u8 | 1).collect();
         for (what, content) in [("empty", &[][..]), ("cut", &half), ("noise", &noise)] {
             let replaced = Replaced::new(&world, &path, content);
             for command in [&["status"][..], &["request", "query", "--timeout", "5"]] {
