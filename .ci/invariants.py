@@ -20,7 +20,7 @@ ROOMS = {
         "envelope", "clearance", "ik", "guard", "monitor", "contact", "follower", "ghost", "extent",
     ],
     "daemon/src": [
-        "alloc_count", "wire", "ports", "rt", "learner", "ipc", "limits", "memory", "options", "error", "law_rehearsal", "stop_socket",
+        "alloc_count", "wire", "ports", "rt", "learner", "ipc", "limits", "memory", "options", "error", "law_rehearsal", "reload", "stop_socket",
         "supervisor", "log",
     ],
     "client/record/src": [

@@ -9,6 +9,7 @@ use foretrace_control::predict::models::dybm::MAX_TRACES;
 use foretrace_control::predict::refine::RefinePrior;
 use foretrace_control::predict::{MAX_PREVIEW, Models};
 
+use crate::files::Files;
 use crate::follower::judge;
 use crate::layers::Found;
 use crate::predictor::{models, prior};
@@ -27,8 +28,9 @@ pub(crate) fn check(
     found: &Found,
     whole: &Place,
     problems: &mut Vec<Problem>,
+    files: &Files,
 ) -> Option<(Robot, Models, RefinePrior)> {
-    let mut report = Findings { found, whole, problems };
+    let mut report = Findings { found, whole, problems, files };
     time(settings, &mut report);
     plane(settings, &mut report);
     ranges(settings, &mut report);
@@ -50,11 +52,12 @@ pub(crate) fn check(
     Some((robot, models, prior))
 }
 
-/// Knows where each key was written.
+/// Knows where each key was written, and where the files are that values name.
 pub(crate) struct Findings<'a> {
     pub(crate) found: &'a Found,
     pub(crate) whole: &'a Place,
     pub(crate) problems: &'a mut Vec<Problem>,
+    pub(crate) files: &'a Files,
 }
 
 impl Findings<'_> {

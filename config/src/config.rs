@@ -10,6 +10,7 @@ use foretrace_control::predict::refine::RefinePrior;
 use toml::de::DeValue;
 
 use crate::check::check;
+use crate::files::{Files, LONGEST_SETTINGS};
 use crate::headroom::{Headroom, headroom};
 use crate::layers::{self, Found};
 use crate::models::{SHIPPED_PRIOR, shipped};
@@ -140,12 +141,19 @@ pub struct Draft {
     whole: Place,
     folder: PathBuf,
     problems: Vec<Problem>,
+    files: Files,
 }
 
 impl Draft {
     /// Starts from a settings file; [`Draft::finish`] reports what is wrong with it.
     #[must_use]
     pub fn file(path: impl AsRef<Path>) -> Self {
+        Self::file_of(path, Files::Disk)
+    }
+
+    /// As [`Draft::file`], with that file and all that it names read from `files`.
+    #[must_use]
+    pub fn file_of(path: impl AsRef<Path>, files: Files) -> Self {
         let path = path.as_ref();
         let name: Arc<str> = Arc::from(plain(&path.display().to_string()));
         let place = Place::File { path: name.clone(), line: 0 };
@@ -154,7 +162,7 @@ impl Draft {
             draft.problems.push(Problem::Unreadable { place: place.clone(), why, remedy });
             draft
         };
-        let bytes = match std::fs::read(path) {
+        let bytes = match files.read(path, LONGEST_SETTINGS) {
             Ok(bytes) => bytes,
             Err(error) => {
                 return unreadable(
@@ -164,7 +172,9 @@ impl Draft {
             }
         };
         match String::from_utf8(bytes) {
-            Ok(text) => Self::text(&text, &name, path.parent().unwrap_or_else(|| Path::new("."))),
+            Ok(text) => {
+                Self { files, ..Self::text(&text, &name, path.parent().unwrap_or_else(|| Path::new("."))) }
+            }
             Err(error) => {
                 let at = error.utf8_error().valid_up_to();
                 let line = 1 + error.as_bytes().iter().take(at).filter(|byte| **byte == b'\n').count();
@@ -195,8 +205,19 @@ impl Draft {
     pub fn text(text: &str, name: &str, folder: impl AsRef<Path>) -> Self {
         let place = Place::File { path: Arc::from(name), line: 0 };
         let mut draft = Self::new(place.clone(), folder.as_ref().to_owned());
+        if text.len() as u64 > LONGEST_SETTINGS {
+            let why = format!("it has {} bytes, {LONGEST_SETTINGS} are the most that are read", text.len());
+            draft.problems.push(Problem::Unreadable { place, why, remedy: "write only what a preset lacks" });
+            return draft;
+        }
         layers::overlay(text, &place, &mut draft.found, &mut draft.problems);
         draft
+    }
+
+    /// Reads the files that the settings name from `files`.
+    #[must_use]
+    pub fn files(self, files: Files) -> Self {
+        Self { files, ..self }
     }
 
     /// Puts a value over what the file says. `value` is TOML; a bare word is taken as text.
@@ -234,7 +255,7 @@ impl Draft {
     ///
     /// All that is wrong, in the order of the file.
     pub fn finish(self) -> Result<Config, ConfigError> {
-        let Self { found: written, whole, folder, mut problems } = self;
+        let Self { found: written, whole, folder, mut problems, files } = self;
         let unreadable =
             problems.iter().any(|p| matches!(p, Problem::Unreadable { .. } | Problem::Syntax { .. }));
         if !unreadable {
@@ -257,7 +278,7 @@ impl Draft {
                 }
                 let prior = &mut settings.predictor.refine.prior;
                 *prior = prior.take().map(|name| resolved(&name, &folder, |name| name == SHIPPED_PRIOR.name));
-                let built = check(&settings, &found, &whole, &mut problems);
+                let built = check(&settings, &found, &whole, &mut problems, &files);
                 if let (Some((robot, models, prior)), true) = (built, problems.is_empty()) {
                     return Ok(Config { settings, robot, models, prior, found, name: whole.to_string() });
                 }
@@ -268,7 +289,7 @@ impl Draft {
     }
 
     fn new(whole: Place, folder: PathBuf) -> Self {
-        Self { found: Found::new(), whole, folder, problems: Vec::new() }
+        Self { found: Found::new(), whole, folder, problems: Vec::new(), files: Files::Disk }
     }
 }
 

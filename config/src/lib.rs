@@ -8,7 +8,7 @@
 
 #![forbid(unsafe_code)]
 
-mod files;
+pub mod files;
 mod plain;
 mod nearest;
 mod written;

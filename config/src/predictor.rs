@@ -15,7 +15,7 @@ use foretrace_control::predict::{
 };
 
 use crate::check::Findings;
-use crate::models::{ForesightModel, LstmModel, ModelError, SHIPPED_PRIOR, find_prior, shipped};
+use crate::models::{ForesightModel, LstmModel, ModelError, SHIPPED_PRIOR, find_prior_in, shipped};
 use crate::problem::Problem;
 use crate::schema::Rule;
 use crate::settings::{self, Settings, TraceChoice};
@@ -45,12 +45,13 @@ pub(crate) const NO_NETWORK: &str = "none";
 pub(crate) fn models(settings: &Settings, report: &mut Findings<'_>) -> Option<Models> {
     let section = &settings.predictor;
     let step_ns = settings.step_ns();
+    let files = report.files;
     let lstm = |name: &str| {
-        let model = LstmModel::find(name)?;
+        let model = LstmModel::find_in(name, files)?;
         model.fits(step_ns).map(|()| model.weights)
     };
     let foresight = |name: &str| {
-        let model = ForesightModel::find(name)?;
+        let model = ForesightModel::find_in(name, files)?;
         model.fits(step_ns).map(|()| model.weights)
     };
     let named = &section.mixture;
@@ -118,7 +119,7 @@ fn network<W>(
 /// The weights from which refinement starts; `None` when something was reported.
 pub(crate) fn prior(settings: &Settings, report: &mut Findings<'_>) -> Option<RefinePrior> {
     let name = settings.predictor.refine.prior.as_deref().unwrap_or(SHIPPED_PRIOR.name);
-    match find_prior(name) {
+    match find_prior_in(name, report.files) {
         Ok(prior) => Some(prior),
         Err(error) => {
             let remedy = "name another file, or leave the key out";

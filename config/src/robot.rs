@@ -6,19 +6,15 @@
 
 use std::path::Path;
 
-use foretrace_control::arm::{Chain, ChainError, JointLimits, LimitError};
+use foretrace_control::arm::{Chain, ChainError, JointLimits, LONGEST_BYTES, LimitError};
 use foretrace_control::clearance::ClearanceSettings;
 use foretrace_control::ik::{ToolTarget, solve_pose};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use crate::check::Findings;
 use crate::clearance::clearance;
-use crate::files::read_text;
 use crate::presets;
 use crate::settings::{PlaneSection, RobotSection, Settings};
-
-/// Largest URDF that is read: a hundred times that of a UR.
-const MAX_URDF_BYTES: u64 = 4 << 20;
 use crate::written::Place;
 
 /// Joints that the wire carries.
@@ -102,7 +98,7 @@ fn tool_of_another(section: &RobotSection, report: &mut Findings<'_>) {
 fn chain(section: &RobotSection, report: &mut Findings<'_>) -> Option<Chain<JOINTS>> {
     let text = match presets::robot(&section.urdf) {
         Some(text) => text.to_owned(),
-        None => match read_text(Path::new(&section.urdf), MAX_URDF_BYTES) {
+        None => match report.files.read_text(Path::new(&section.urdf), LONGEST_BYTES as u64) {
             Ok(text) => text,
             Err(error) => {
                 report.conflict(

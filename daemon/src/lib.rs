@@ -20,13 +20,14 @@ pub mod memory;
 pub mod options;
 pub mod error;
 pub mod law_rehearsal;
+pub mod reload;
 pub mod stop_socket;
 pub mod supervisor;
 mod log;
 
 pub use error::DaemonError;
 pub use log::LogGuard;
-pub use options::{Base, DaemonArgs, Options, Rights, Source, StopHandle};
+pub use options::{Base, DaemonArgs, Options, Reading, Rights, Source, StopHandle};
 pub use supervisor::{ExitReport, run, settings_hash};
 
 // The test support is shared with integration tests, which name this crate.

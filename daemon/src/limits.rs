@@ -20,6 +20,9 @@ const STACK_BYTES: u64 = 4 << 20;
 /// Size of that stack.
 const ROOM_BYTES: usize = 8 << 20;
 
+/// Size of a page, as `/proc` counts them; where they are larger, more memory counts as left.
+const PAGE_BYTES: u64 = 4096;
+
 /// A limit, by its name in `/proc/self/limits`.
 struct Known {
     name: &'static str,
@@ -114,6 +117,15 @@ pub fn with_room<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -
     let thread =
         std::thread::Builder::new().name("foretrace-main".into()).stack_size(ROOM_BYTES).spawn(work)?;
     thread.join().map_err(|_| io::Error::other("the program failed"))
+}
+
+/// Address space that this process may still map \[bytes\]; `None`: as much as it wants.
+#[must_use]
+pub fn address_space_left() -> Option<u64> {
+    let most = soft(&table(), "Max address space")?;
+    let pages = std::fs::read_to_string("/proc/self/statm").unwrap_or_default();
+    let pages: u64 = pages.split(' ').next()?.parse().ok()?;
+    Some(most.saturating_sub(pages.saturating_mul(PAGE_BYTES)))
 }
 
 fn table() -> String {

@@ -26,6 +26,9 @@ struct Args {
 }
 
 fn main() -> ExitCode {
+    if let Some(code) = foretraced::reload::child() {
+        return code;
+    }
     limits::hear_of_large_files();
     limits::with_room(program).unwrap_or_else(|error| {
         eprintln!(

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use foretrace_config::files::Files;
 use foretrace_config::{Config, ConfigError, Draft, Settings};
 
 use crate::rt::cyclic::Rhythm;
@@ -55,9 +56,17 @@ impl Source {
     /// # Errors
     /// Everything that is wrong with the settings.
     pub fn load(&self) -> Result<Config, ConfigError> {
+        self.load_from(&Files::Disk)
+    }
+
+    /// As [`Source::load`], with the file and all that it names read from `files`.
+    ///
+    /// # Errors
+    /// Everything that is wrong with the settings.
+    pub fn load_from(&self, files: &Files) -> Result<Config, ConfigError> {
         let mut draft = match &self.base {
-            Base::File(path) => Draft::file(path),
-            Base::Preset(name) => Draft::preset(name),
+            Base::File(path) => Draft::file_of(path, files.clone()),
+            Base::Preset(name) => Draft::preset(name).files(files.clone()),
         };
         if let Some(rate_hz) = self.rate_hz {
             draft = draft.rate(rate_hz);
@@ -67,6 +76,16 @@ impl Source {
         }
         draft.finish()
     }
+}
+
+/// Who reads the settings first when they are read again.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Reading {
+    /// This process: what makes reading fail badly (stack, memory) ends it. For tests inside a process.
+    #[default]
+    Here,
+    /// A child of this program, whose `main` begins with [`crate::reload::child`].
+    Child,
 }
 
 /// Whether the loop asks the system for real-time rights.
@@ -136,6 +155,8 @@ pub struct Options {
     pub source: Source,
     /// Real-time rights.
     pub rights: Rights,
+    /// Who reads them first then.
+    pub reading: Reading,
     /// SIGINT and SIGTERM end the daemon, SIGHUP reloads the settings. If off, only `stop` ends it.
     pub signals: bool,
     /// Ends the daemon.
@@ -146,7 +167,13 @@ impl Options {
     /// Settings from `source`, and the options of a service.
     #[must_use]
     pub fn new(source: Source) -> Self {
-        Self { source, rights: Rights::Ask, signals: true, stop: StopHandle::default() }
+        Self {
+            source,
+            rights: Rights::Ask,
+            reading: Reading::Here,
+            signals: true,
+            stop: StopHandle::default(),
+        }
     }
 }
 
@@ -187,7 +214,7 @@ impl DaemonArgs {
         }
         let source = Source { base, rate_hz: self.rate, overrides };
         let rights = if self.no_rights { Rights::Leave } else { Rights::Ask };
-        Options { rights, ..Options::new(source) }
+        Options { rights, reading: Reading::Child, ..Options::new(source) }
     }
 }
 

@@ -33,6 +33,7 @@ use crate::learner::LearnerOrder;
 use crate::limits;
 use crate::memory;
 use crate::options::{Options, StopHandle};
+use crate::reload::Reloads;
 use crate::rt::os;
 use crate::rt::stops::StopFlag;
 use crate::rt::thread::RtOrders;
@@ -127,6 +128,7 @@ struct Daemon {
     ipc: Option<JoinHandle<IpcSummary>>,
     ipc_orders: Sender<IpcOrder>,
     reload: Receiver<ReloadRequest>,
+    reloads: Reloads,
     learner: Option<JoinHandle<()>>,
     learner_orders: Sender<LearnerOrder>,
     quit: Arc<AtomicBool>,
@@ -181,10 +183,19 @@ impl Daemon {
                 return Ok(());
             }
             if self.hang_up.swap(false, Ordering::AcqRel) {
-                self.reload(options);
+                self.reloads.ask(None);
             }
-            if let Ok(request) = self.reload.try_recv() {
-                let _ = request.answer.try_send(self.reload(options));
+            while let Ok(request) = self.reload.try_recv() {
+                if let Some(answer) = self.reloads.ask(Some(request.answer)) {
+                    let text = "too many wait for a reload: ask again".to_owned();
+                    let _ = answer.try_send(ReloadOutcome { status: ControlStatus::Busy, text });
+                }
+            }
+            if let Some((read, waiting)) = self.reloads.look(options.reading, &options.source) {
+                let outcome = self.reload(read);
+                for answer in waiting {
+                    let _ = answer.try_send(outcome.clone());
+                }
             }
             if self.rt.as_ref().is_some_and(JoinHandle::is_finished) {
                 return Err(DaemonError::ThreadDied { name: "real-time", cause: cause(self.rt.take()) });
@@ -196,15 +207,15 @@ impl Daemon {
         }
     }
 
-    /// Reads the settings again and applies the live ones; all or nothing.
-    fn reload(&mut self, options: &Options) -> ReloadOutcome {
+    /// Applies the live ones of settings that were read again; all or nothing.
+    fn reload(&mut self, read: Result<Config, String>) -> ReloadOutcome {
         let refused = |status, text: String| {
             warn!("settings not reloaded: {text}");
             ReloadOutcome { status, text }
         };
-        let new = match options.source.load() {
+        let new = match read {
             Ok(new) => new,
-            Err(error) => return refused(ControlStatus::SettingsRejected, error.to_string()),
+            Err(why) => return refused(ControlStatus::SettingsRejected, why),
         };
         let change = match self.config.live_diff(&new) {
             Ok(change) => change,

@@ -2,6 +2,7 @@
 
 mod support;
 
+use std::io::{BufRead as _, BufReader};
 use std::process::{Command, Stdio};
 
 use foretrace_shm::{
@@ -288,7 +289,8 @@ fn a_signal_ends_the_program_cleanly_and_wrong_settings_end_it_with_a_line() {
         assert!(text.contains(word) && !text.contains("panicked") && !text.contains('\u{1b}'), "{text}");
     }
 
-    let child = program().spawn().unwrap();
+    let mut child = program().spawn().unwrap();
+    let mut lines = BufReader::new(child.stderr.take().unwrap()).lines().map_while(Result::ok);
     let instance = place.instance();
     let pid = until("the daemon comes up", || instance.daemon()).pid;
     assert_eq!(pid, child.id());
@@ -296,15 +298,44 @@ fn a_signal_ends_the_program_cleanly_and_wrong_settings_end_it_with_a_line() {
     let text = String::from_utf8_lossy(&refused.stderr);
     assert!(!refused.status.success() && text.contains(&format!("process {pid}")), "{text}");
     assert!(Command::new("kill").args(["-HUP", &pid.to_string()]).status().unwrap().success());
-    std::thread::sleep(std::time::Duration::from_millis(200));
+    // Another process checks them first.
+    let reloaded = lines.any(|line| line.contains("settings reloaded, nothing has changed"));
     assert!(Command::new("kill").args(["-TERM", &pid.to_string()]).status().unwrap().success());
-    let ended = child.wait_with_output().unwrap();
-    let text = String::from_utf8_lossy(&ended.stderr);
-    assert!(ended.status.success(), "{text}");
-    assert!(text.contains("settings reloaded, nothing has changed"), "{text}");
+    let text: Vec<String> = lines.collect();
+    let text = text.join("\n");
+    assert!(child.wait().unwrap().success() && reloaded, "{text}");
     assert!(text.contains("stopping"), "{text}");
     assert_eq!(instance.daemon(), None);
     assert_eq!(instance.shared_memory().unwrap().segments, 0);
+}
+
+#[test]
+fn a_process_that_checks_settings_says_what_it_read_and_ends_without_room() {
+    let folder = tempfile::tempdir().unwrap();
+    let [file, robot] = ["a.toml", "arm.urdf"].map(|name| folder.path().join(name));
+    std::fs::write(&robot, foretrace_config::presets::robot("ur5").unwrap()).unwrap();
+    std::fs::write(&file, "preset = \"ur5\"\n[robot]\nurdf = \"arm.urdf\"\ntool_m = [0.0, 0.0, 0.15]\n")
+        .unwrap();
+    let check = |memory: &str, file: &std::path::Path| {
+        let mut program = Command::new(env!("CARGO_BIN_EXE_foretraced"));
+        program.args(["check-settings", memory, "file"]).arg(file).args(["0", "loop.rate_hz", "250"]);
+        program.output().unwrap()
+    };
+    let good = check("0", &file);
+    let said = String::from_utf8_lossy(&good.stdout);
+    assert!(good.status.success() && good.stderr.is_empty(), "{good:?}");
+    // The bytes of both files, under their names.
+    for part in ["foretrace settings", "a.toml", "urdf = \"arm.urdf\"", "arm.urdf", "shoulder_pan_joint"] {
+        assert!(said.contains(part), "{part}: {said:.2000}");
+    }
+    // With too little memory it ends, whatever that does to it; the one that waits for it lives.
+    let starved = check("1000000", &file);
+    assert!(!starved.status.success(), "{starved:?}");
+    std::fs::write(&robot, format!("<robot>{}", "<link>".repeat(60_000))).unwrap();
+    let refused = check("0", &file);
+    let said = String::from_utf8_lossy(&refused.stdout);
+    assert!(refused.status.success() && said.contains("refused"), "{refused:?}");
+    assert!(said.contains("65 elements inside each other, 64 are the most"), "{said}");
 }
 
 #[test]

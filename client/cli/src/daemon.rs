@@ -1,6 +1,6 @@
 //! `foretrace daemon`: the real-time daemon, the same library that `foretraced` runs.
 
-use foretraced::{DaemonError, LogError, Options, Rights};
+use foretraced::{DaemonError, LogError, Options, Reading, Rights};
 
 use crate::failure::Failure;
 use crate::settings::{SettingsArgs, wrong};
@@ -36,7 +36,7 @@ pub(crate) fn run(args: &DaemonArgs) -> Result<(), Failure> {
     let mut source = args.settings.source()?;
     source.rate_hz = args.rate;
     let rights = if args.no_rights { Rights::Leave } else { Rights::Ask };
-    match foretraced::run(&Options { rights, ..Options::new(source) }) {
+    match foretraced::run(&Options { rights, reading: Reading::Child, ..Options::new(source) }) {
         Ok(_) => Ok(()),
         Err(DaemonError::Config(error)) => Err(wrong(&error)),
         Err(error) => Err(Failure::failed(error, "")),

@@ -89,7 +89,7 @@ fn numbers(args: &ExportArgs, target: &Path) -> Result<(u64, Option<String>), Fa
 /// Writes the pen samples that the ticks were given.
 fn pen(args: &ExportArgs, target: &Path) -> Result<(u64, Option<String>), Failure> {
     let mut reader = Reader::open(&args.file).map_err(unrecorded)?;
-    let mut log = PenLog::create(target, &args.writer).map_err(|error| {
+    let mut log = PenLog::copy(target, &args.writer).map_err(|error| {
         Failure::bad_input(error, "give a new --pen FILE in a folder that can be written")
     })?;
     let part = log.part().to_path_buf();

@@ -122,6 +122,9 @@ enum Command {
 
 /// Runs the program with the arguments of this process.
 pub fn main() -> ExitCode {
+    if let Some(code) = foretraced::reload::child() {
+        return code;
+    }
     limits::hear_of_large_files();
     limits::with_room(program).unwrap_or_else(|error| {
         let remedy = "raise the limits of this process (ulimit -s, -v, -u)";

@@ -25,9 +25,9 @@ pub(crate) struct RequestArgs {
     #[command(flatten)]
     instance: InstanceArgs,
 
-    /// Seconds to wait for the answer
-    #[arg(long, value_name = "S", default_value_t = 2.0, global = true, value_parser = timeout)]
-    timeout: f64,
+    /// Seconds to wait for the answer [default: 2; reload: 12]
+    #[arg(long, value_name = "S", global = true, value_parser = timeout)]
+    timeout: Option<f64>,
 
     #[command(flatten)]
     json: JsonArgs,
@@ -67,7 +67,9 @@ enum Trust {
 
 pub(crate) fn run(args: &RequestArgs) -> Result<(), Failure> {
     args.json.claim()?;
-    let wait = Duration::from_secs_f64(args.timeout);
+    // Another process reads the settings first, perhaps after one that is under way.
+    let usual = if args.request == Request::Reload { 12.0 } else { 2.0 };
+    let wait = Duration::from_secs_f64(args.timeout.unwrap_or(usual));
     if args.request == Request::Stop {
         return stop(args, wait);
     }

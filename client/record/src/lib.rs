@@ -143,6 +143,16 @@ pub enum RecordError {
 foretrace_shm::debug_is_sentence!(RecordError);
 
 impl RecordError {
+    /// Of a file that cannot be begun.
+    fn of_part(path: &Path, source: std::io::Error) -> Self {
+        let path = path.to_path_buf();
+        match source.kind() {
+            std::io::ErrorKind::ResourceBusy => Self::Busy { path },
+            std::io::ErrorKind::AlreadyExists => Self::Exists { path },
+            _ => Self::Write { path, source },
+        }
+    }
+
     fn of_mcap(path: &Path, error: mcap::McapError) -> Self {
         let path = path.to_path_buf();
         match error {
@@ -170,24 +180,31 @@ fn appear(part: &Path, target: &Path) -> Result<(), RecordError> {
     std::fs::remove_file(part).map_err(|source| RecordError::Write { path: part.to_path_buf(), source })
 }
 
-/// Writes the new file `target`, which appears whole or not at all.
+/// Name of `target` while it is made of other files: not that of a recorder's part, which holds the only copy
+/// of what it recorded and is never replaced.
+fn unfinished(target: &Path) -> PathBuf {
+    let mut name = target.as_os_str().to_owned();
+    name.push(".partial");
+    name.into()
+}
+
+/// Writes the new file `target`, made of other files, which appears whole or not at all. What an earlier try
+/// left is replaced; another process that is at it is not disturbed.
 ///
 /// # Errors
 ///
-/// It exists, the folder cannot be written, or as `write`.
+/// It exists, another process makes it, the folder cannot be written, or as `write`.
 pub fn whole<T>(
     target: &Path,
     write: impl FnOnce(&mut std::fs::File) -> Result<T, RecordError>,
 ) -> Result<T, RecordError> {
-    let part = write::part_of(target);
+    let part = unfinished(target);
     if target.exists() {
         return Err(RecordError::Exists { path: target.to_path_buf() });
     }
-    let file = std::fs::OpenOptions::new().write(true).create_new(true).open(&part);
-    let mut file = file.map_err(|source| match source.kind() {
-        std::io::ErrorKind::AlreadyExists => RecordError::Exists { path: part.clone() },
-        _ => RecordError::Write { path: part.clone(), source },
-    })?;
+    let left = |part: &Path| std::fs::remove_file(part);
+    let mut file =
+        foretrace_sim::whole::begin(&part, left).map_err(|error| RecordError::of_part(&part, error))?;
     let done = write(&mut file).and_then(|done| appear(&part, target).map(|()| done));
     if done.is_err() {
         // Half a file helps nobody.

@@ -13,6 +13,7 @@ use std::sync::Arc;
 use mcap::records::{Record, op};
 
 use foretrace_shm::{Status, Thing, TickInput, TickRecord, Validate, Wire};
+use foretrace_sim::data::parse_mcap_record;
 
 use crate::RecordError;
 use crate::topics::{Topic, WIRE, layout_of, thing_of};
@@ -125,7 +126,7 @@ impl Reader {
         if !std::fs::metadata(path).map_err(failed)?.is_file() {
             return Err(RecordError::NoRecording {
                 path: path.to_path_buf(),
-                why: "no ordinary file".into(),
+                why: "not a regular file".into(),
             });
         }
         let mut file = File::open(path).map_err(failed)?;
@@ -205,7 +206,7 @@ impl Reader {
                 }
                 break;
             };
-            let parsed = wanted(kind).then(|| mcap::parse_record(kind, body).map(taken));
+            let parsed = wanted(kind).then(|| parse_mcap_record(kind, body).map(taken));
             self.at += HEAD + body.len();
             if let Some(entry) = parsed.and_then(|parsed| self.enter(parsed)) {
                 return Some(entry);
@@ -256,7 +257,7 @@ impl Reader {
             self.ended = Some(if whole { Ended::Whole } else { without() });
             return Ok(None);
         }
-        let parsed = wanted(kind).then(|| mcap::parse_record(kind, &body).map(taken));
+        let parsed = wanted(kind).then(|| parse_mcap_record(kind, &body).map(taken));
         Ok(parsed.and_then(|parsed| self.enter(parsed)))
     }
 
@@ -288,7 +289,7 @@ impl Reader {
     }
 
     /// Remembers schemas and channels, passes on what is an entry.
-    fn enter(&mut self, parsed: Result<Taken, mcap::McapError>) -> Option<Entry> {
+    fn enter(&mut self, parsed: Result<Taken, String>) -> Option<Entry> {
         match parsed {
             Ok(Taken::Entry(entry)) => return Some(entry),
             Ok(Taken::Schema(id, schema)) => {
@@ -304,7 +305,7 @@ impl Reader {
                 }
             }
             Ok(Taken::Nothing) => {}
-            Err(error) => self.cut(error.to_string()),
+            Err(why) => self.cut(why),
         }
         None
     }

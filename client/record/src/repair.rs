@@ -4,7 +4,7 @@
 //! and an end as readers of others want them, and appears under its name when it is whole.
 
 use std::collections::BTreeMap;
-use std::fs::{File, OpenOptions};
+use std::fs::File;
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 
@@ -14,7 +14,7 @@ use mcap::{McapError, WriteOptions};
 
 use crate::read::{Entry, Reader};
 use crate::write::part_of;
-use crate::{RecordError, appear};
+use crate::{RecordError, appear, whole};
 
 /// What was mended.
 #[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
@@ -32,25 +32,11 @@ pub struct Mended {
 /// `from` is no recording; `to` exists, or cannot be written.
 pub fn repair(from: &Path, to: &Path) -> Result<Mended, RecordError> {
     let mut reader = Reader::open(from)?;
-    let part = part_of(to);
-    if to.exists() {
-        return Err(RecordError::Exists { path: to.to_path_buf() });
-    }
-    let file = OpenOptions::new().write(true).create_new(true).open(&part).map_err(|source| match source
-        .kind()
-    {
-        std::io::ErrorKind::AlreadyExists => RecordError::Exists { path: part.clone() },
-        _ => RecordError::Write { path: part.clone(), source },
-    })?;
-    let mended = copied(&mut reader, file, &part);
-    match mended {
-        Ok(mended) => appear(&part, to).map(|()| mended),
-        Err(error) => {
-            // Half a file helps nobody.
-            let _ = std::fs::remove_file(&part);
-            Err(error)
-        }
-    }
+    whole(to, |file| {
+        let file =
+            file.try_clone().map_err(|source| RecordError::Write { path: to.to_path_buf(), source })?;
+        copied(&mut reader, file, to)
+    })
 }
 
 fn copied(reader: &mut Reader, file: File, part: &Path) -> Result<Mended, RecordError> {
@@ -146,7 +132,14 @@ fn mend(target: &Path) -> Result<Option<(PathBuf, Mended)>, RecordError> {
     file.try_lock().map_err(|_| RecordError::Busy { path: part.clone() })?;
     let place = (1..).map(|number| numbered(target, &format!("interrupted-{number}")));
     let place = place.into_iter().find(|place| !place.exists()).unwrap_or_else(|| target.to_path_buf());
-    let mended = repair(&part, &place)?;
+    let mended = match repair(&part, &place) {
+        // Killed before its first bytes were on the disk, or by a power cut that left holes: kept as it is.
+        Err(RecordError::NoRecording { why, .. }) => {
+            appear(&part, &place)?;
+            return Ok(Some((place, Mended { messages: 0, damage: Some(why) })));
+        }
+        mended => mended?,
+    };
     std::fs::remove_file(&part).map_err(|source| RecordError::Write { path: part, source })?;
     Ok(Some((place, mended)))
 }

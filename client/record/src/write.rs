@@ -5,11 +5,12 @@
 //! left is mended by [`crate::repair`]. Existing files are never overwritten.
 
 use std::collections::BTreeMap;
-use std::fs::{File, OpenOptions};
+use std::fs::File;
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 
 use foretrace_shm::TickRecord;
+use foretrace_sim::whole::begin;
 use mcap::records::{MessageHeader, Metadata};
 use mcap::write::NoSeek;
 use mcap::{WriteOptions, Writer};
@@ -64,15 +65,9 @@ impl Output {
         if target.exists() {
             return Err(RecordError::Exists { path: target.to_path_buf() });
         }
-        let file =
-            OpenOptions::new().write(true).create_new(true).open(&part).map_err(|source| {
-                match source.kind() {
-                    std::io::ErrorKind::AlreadyExists => RecordError::Exists { path: part.clone() },
-                    _ => RecordError::Write { path: part.clone(), source },
-                }
-            })?;
-        // A second recorder must see that this one lives.
-        file.try_lock().map_err(|_| RecordError::Busy { path: part.clone() })?;
+        // What another recorder left is its recording: it is mended first, or stays.
+        let left = |_: &Path| Err(std::io::ErrorKind::AlreadyExists.into());
+        let file = begin(&part, left).map_err(|error| RecordError::of_part(&part, error))?;
         let broken = |error: mcap::McapError| RecordError::of_mcap(&part, error);
         let options = WriteOptions::new()
             .compression(None)

@@ -99,7 +99,7 @@ fn settings_of_a_recording_open_no_device() {
     let forged = settings(own.replacen(urdf, "urdf = \"/dev/zero\"", 1));
     let file = written(&place, "device", &[forged], &ticks(10));
     let told = replay(&file).unwrap_err().to_string();
-    assert!(told.contains("no ordinary file"), "{told}");
+    assert!(told.contains("not a regular file"), "{told}");
 }
 
 #[test]
@@ -107,7 +107,7 @@ fn a_pipe_is_refused_instead_of_waited_for() {
     let place = TempDir::new().unwrap();
     let pipe = place.path().join("pipe");
     assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
-    assert!(Reader::open(&pipe).unwrap_err().to_string().contains("no ordinary file"));
+    assert!(Reader::open(&pipe).unwrap_err().to_string().contains("not a regular file"));
 }
 
 #[test]
@@ -200,7 +200,7 @@ fn a_file_that_is_no_recording_gets_a_sentence() {
         (file("empty", b""), "is empty or too short"),
         (file("text", b"t_s,x_m,y_m,contact\n"), "does not begin as an MCAP file"),
         (huge, "does not begin as an MCAP file"),
-        (place.path().to_path_buf(), "no ordinary file"),
+        (place.path().to_path_buf(), "not a regular file"),
         (place.path().join("nowhere"), "cannot read"),
     ];
     for (path, words) in cases {

@@ -10,9 +10,10 @@ use foretrace_control::predict::models::foresight::{
 };
 
 use super::container::{self, Container, DType, Tensor};
-use super::lstm::{read_bounded, write_whole};
+use super::lstm::{named, read_bounded, write_whole};
 use super::problem::ModelError;
-use super::{EXTRA, shipped, shipped_names};
+use super::{EXTRA, shipped};
+use crate::files::Files;
 
 /// What `kind` says in the metadata.
 pub(super) const KIND: &str = "foresight";
@@ -37,12 +38,14 @@ impl ForesightModel {
     ///
     /// See [`ModelError`].
     pub fn find(name_or_path: &str) -> Result<Self, ModelError> {
+        Self::find_in(name_or_path, &Files::Disk)
+    }
+
+    /// As [`ForesightModel::find`], with the file read from `files`.
+    pub(crate) fn find_in(name_or_path: &str, files: &Files) -> Result<Self, ModelError> {
         match shipped(name_or_path) {
             Some(shipped) => Self::parse(shipped.name, shipped.bytes),
-            None if !Path::new(name_or_path).exists() => {
-                Err(ModelError::NoSuchModel { name: name_or_path.to_owned(), known: shipped_names() })
-            }
-            None => Self::load(Path::new(name_or_path)),
+            None => Self::parse(name_or_path, &named(name_or_path, files)?),
         }
     }
 
@@ -52,7 +55,7 @@ impl ForesightModel {
     ///
     /// See [`ModelError`].
     pub fn load(path: &Path) -> Result<Self, ModelError> {
-        let bytes = read_bounded(path)?;
+        let bytes = read_bounded(path, &Files::Disk)?;
         Self::parse(&path.display().to_string(), &bytes)
     }
 

@@ -9,7 +9,7 @@ use foretrace_control::predict::models::lstm::{LstmSpec, LstmTensors, LstmWeight
 use super::container::{self, Container, DType, Tensor};
 use super::problem::ModelError;
 use super::{EXTRA, shipped, shipped_names};
-use crate::files::read_regular;
+use crate::files::Files;
 use crate::nearest;
 
 /// Largest file that is read: a hundred times the largest network in double precision.
@@ -44,12 +44,14 @@ impl LstmModel {
     ///
     /// See [`ModelError`].
     pub fn find(name_or_path: &str) -> Result<Self, ModelError> {
+        Self::find_in(name_or_path, &Files::Disk)
+    }
+
+    /// As [`LstmModel::find`], with the file read from `files`.
+    pub(crate) fn find_in(name_or_path: &str, files: &Files) -> Result<Self, ModelError> {
         match shipped(name_or_path) {
             Some(shipped) => shipped.lstm(),
-            None if !Path::new(name_or_path).exists() => {
-                Err(ModelError::NoSuchModel { name: name_or_path.to_owned(), known: shipped_names() })
-            }
-            None => Self::load(Path::new(name_or_path)),
+            None => Self::parse(name_or_path, &named(name_or_path, files)?, Assumed::default()),
         }
     }
 
@@ -68,7 +70,7 @@ impl LstmModel {
     ///
     /// See [`ModelError`].
     pub fn load_assuming(path: &Path, assumed: Assumed) -> Result<Self, ModelError> {
-        let bytes = read_bounded(path)?;
+        let bytes = read_bounded(path, &Files::Disk)?;
         Self::parse(&path.display().to_string(), &bytes, assumed)
     }
 
@@ -130,8 +132,16 @@ impl LstmModel {
     }
 }
 
+/// The bytes of the model file of that name, if there is one.
+pub(super) fn named(name: &str, files: &Files) -> Result<Vec<u8>, ModelError> {
+    if !files.has(Path::new(name)) {
+        return Err(ModelError::NoSuchModel { name: name.to_owned(), known: shipped_names() });
+    }
+    read_bounded(Path::new(name), files)
+}
+
 /// The bytes of a model file of a size that models have.
-pub(super) fn read_bounded(path: &Path) -> Result<Vec<u8>, ModelError> {
+pub(super) fn read_bounded(path: &Path, files: &Files) -> Result<Vec<u8>, ModelError> {
     let file = path.display().to_string();
     let failed = |error: &std::io::Error| ModelError::File {
         file: file.clone(),
@@ -139,11 +149,7 @@ pub(super) fn read_bounded(path: &Path) -> Result<Vec<u8>, ModelError> {
         why: error.to_string(),
         remedy: format!("name a readable .safetensors file, or a shipped model ({})", shipped_names()),
     };
-    let bytes = std::fs::metadata(path).map_err(|error| failed(&error))?.len();
-    if bytes > MAX_BYTES {
-        return Err(ModelError::TooLarge { file, bytes, limit: MAX_BYTES });
-    }
-    read_regular(path, MAX_BYTES).map_err(|error| failed(&error))
+    files.read(path, MAX_BYTES).map_err(|error| failed(&error))
 }
 
 pub(super) fn write_whole(path: &Path, bytes: &[u8]) -> std::io::Result<()> {

@@ -36,6 +36,7 @@ mod prior;
 pub use container::{Container, DType, Tensor, container_bytes};
 pub use foresight::ForesightModel;
 pub use lstm::{Assumed, LstmModel};
+pub(crate) use prior::find_prior_in;
 pub use prior::{SHIPPED_PRIOR, ShippedPrior, find_prior, parse_prior};
 pub use problem::ModelError;
 pub use shipped::{Shipped, shipped, shipped_names};

@@ -5,14 +5,13 @@
 //! [`MAX_BYTES`] of a file are read. The format is explained at the top of the shipped file,
 //! `config/models/refine-prior.toml`; what its numbers are, in the card beside it.
 
-use std::fs::File;
-use std::io::Read;
 use std::path::Path;
 
 use foretrace_control::predict::refine::{CURVE_PARTS, Curve, CurvePart, Curves, RefinePrior, Shape};
 use serde::Deserialize;
 
 use super::problem::ModelError;
+use crate::files::Files;
 
 /// Twenty times the shipped file.
 const MAX_BYTES: u64 = 32 << 10;
@@ -43,6 +42,11 @@ pub const SHIPPED_PRIOR: ShippedPrior = ShippedPrior {
 ///
 /// See [`ModelError`].
 pub fn find_prior(name_or_path: &str) -> Result<RefinePrior, ModelError> {
+    find_prior_in(name_or_path, &Files::Disk)
+}
+
+/// As [`find_prior`], with the file read from `files`.
+pub(crate) fn find_prior_in(name_or_path: &str, files: &Files) -> Result<RefinePrior, ModelError> {
     if name_or_path == SHIPPED_PRIOR.name {
         return parse_prior(SHIPPED_PRIOR.name, SHIPPED_PRIOR.text.as_bytes());
     }
@@ -52,11 +56,7 @@ pub fn find_prior(name_or_path: &str) -> Result<RefinePrior, ModelError> {
         why: error.to_string(),
         remedy: format!("name a readable .toml file, or the shipped {}", SHIPPED_PRIOR.name),
     };
-    let mut bytes = Vec::new();
-    // Not by the file's metadata: devices have no size.
-    File::open(Path::new(name_or_path))
-        .and_then(|file| file.take(MAX_BYTES + 1).read_to_end(&mut bytes))
-        .map_err(|error| failed(&error))?;
+    let bytes = files.read(Path::new(name_or_path), MAX_BYTES).map_err(|error| failed(&error))?;
     parse_prior(name_or_path, &bytes)
 }
 

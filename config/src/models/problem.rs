@@ -21,16 +21,6 @@ pub enum ModelError {
         /// What to do.
         remedy: String,
     },
-    /// Larger than any model.
-    #[error("{file}: has {bytes} bytes, models have at most {limit}: is this a model of foretrace?")]
-    TooLarge {
-        /// The file.
-        file: String,
-        /// Its size.
-        bytes: u64,
-        /// Largest size that is read.
-        limit: u64,
-    },
     /// Not in the safetensors format.
     #[error(
         "{file}: not a safetensors file, {what}: save the model with `safetensors.torch.save_file` or \

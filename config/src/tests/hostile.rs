@@ -4,6 +4,7 @@ use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 
 use super::over_ur5;
+use crate::files::LONGEST_SETTINGS;
 use crate::{Config, Draft, keys};
 
 /// Values at the edges of types and ranges.
@@ -73,4 +74,16 @@ fn deep_nesting_is_refused_without_exhausting_the_stack() {
     assert!(over_ur5(&format!("a = {}{}", "[".repeat(100_000), "]".repeat(100_000))).is_err());
     assert!(over_ur5(&format!("a = {}", "{b = ".repeat(10_000))).is_err());
     assert!(over_ur5(&format!("{} = 1", vec!["a"; 10_000].join("."))).is_err());
+    // As many as fit into the longest file.
+    let most = LONGEST_SETTINGS as usize - 100;
+    for (open, close) in [("[", "]"), ("{b=", "}"), ("[{b=", "}]")] {
+        let depth = most / (open.len() + close.len());
+        assert!(over_ur5(&format!("a = {}{}", open.repeat(depth), close.repeat(depth))).is_err());
+    }
+    let dotted = vec!["a"; most / 2].join(".");
+    assert!(over_ur5(&format!("{dotted} = 1")).is_err());
+    assert!(over_ur5(&format!("[{dotted}]")).is_err());
+    assert!(over_ur5(&"[[a.b]]\n".repeat(most / 8)).is_err());
+    let told = over_ur5(&"\n".repeat(LONGEST_SETTINGS as usize)).unwrap_err().to_string();
+    assert!(told.contains("1048576 are the most that are read"), "{told}");
 }

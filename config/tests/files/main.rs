@@ -4,3 +4,7 @@ mod models;
 mod prior;
 mod models_fuzz;
 mod settings_fuzz;
+
+mod forged;
+#[path = "../../../tests/src/forged.rs"]
+mod forging;

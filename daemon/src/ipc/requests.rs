@@ -1,7 +1,8 @@
 //! Operators' requests: to the loop, to the supervisor, and the answers back.
 //!
 //! Contract: every request is answered once, with the loop's answer where the loop decides, at the latest
-//! after [`PATIENCE`]. Requests that cannot be accepted now are answered `Busy`.
+//! after [`PATIENCE`], a reload after [`RELOAD_PATIENCE`]. Requests that cannot be accepted now are answered
+//! `Busy`.
 
 use std::time::{Duration, Instant};
 
@@ -20,6 +21,9 @@ use crate::wire::{self, Asked as Meaning, Refused};
 
 /// Longest time an operator waits for the loop or the supervisor.
 pub const PATIENCE: Duration = Duration::from_secs(2);
+
+/// Longest time for a reload: a check may be under way, and another one follows it.
+pub const RELOAD_PATIENCE: Duration = Duration::from_secs(10);
 
 /// A request to reload a settings file; the answer is one line for people.
 #[derive(Debug)]
@@ -189,7 +193,7 @@ impl Requests {
         for (since, call, outcome) in std::mem::take(&mut self.at_supervisor) {
             match outcome.try_recv() {
                 Ok(ReloadOutcome { status, text }) => self.answer(call, status, mode, trust, &text),
-                Err(TryRecvError::Empty) if since.elapsed() < PATIENCE => {
+                Err(TryRecvError::Empty) if since.elapsed() < RELOAD_PATIENCE => {
                     self.at_supervisor.push((since, call, outcome));
                 }
                 Err(_) => self.answer(call, ControlStatus::Internal, mode, trust, "the reload got no answer"),

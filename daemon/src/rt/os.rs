@@ -236,6 +236,27 @@ pub fn reserve(file: &std::fs::File, bytes: u64) -> io::Result<()> {
     Err(io::Error::last_os_error())
 }
 
+/// Confines this process, which is to do some work for the daemon: at most `memory` \[bytes\] of address
+/// space and `cpu_s` \[s\] of processor time, lower priority, no core file, no inherited descriptor but the
+/// first three, and its end with the thread that started it. What the kernel refuses is left as it is.
+pub fn confine(memory: u64, cpu_s: u64, nice: i32) {
+    // SAFETY: takes numbers only; nothing of this process has opened a descriptor yet.
+    unsafe { libc::syscall(libc::SYS_close_range, 3 as libc::c_uint, libc::c_uint::MAX, 0 as libc::c_uint) };
+    // SAFETY: PR_SET_PDEATHSIG takes one number and no pointer.
+    unsafe { libc::prctl(libc::PR_SET_PDEATHSIG, libc::SIGKILL as libc::c_ulong) };
+    // SAFETY: takes numbers only.
+    unsafe { libc::setpriority(libc::PRIO_PROCESS, 0, nice) };
+    for (resource, most) in [(libc::RLIMIT_AS, memory), (libc::RLIMIT_CPU, cpu_s), (libc::RLIMIT_CORE, 0)] {
+        let mut limit = libc::rlimit { rlim_cur: 0, rlim_max: 0 };
+        // SAFETY: `limit` is valid for writing.
+        unsafe { libc::getrlimit(resource, &raw mut limit) };
+        // The hard limit stays: at that of processor time the kernel kills, and hides why.
+        limit.rlim_cur = limit.rlim_cur.min(most);
+        // SAFETY: `limit` is valid for reading.
+        unsafe { libc::setrlimit(resource, &raw const limit) };
+    }
+}
+
 /// The effective user of this process.
 #[must_use]
 pub fn user_id() -> u32 {

@@ -25,6 +25,7 @@ use crate::learner::{self, LearnerBoard, LearnerLinks};
 use crate::memory::{self, ReserveError};
 use crate::options::{Options, Rights};
 use crate::ports::shm::{IpcPorts, ShmPorts};
+use crate::reload::Reloads;
 use crate::rt::os::{self, Right};
 use crate::rt::stops::StopFlag;
 use crate::rt::thread::{self, RtNews, RtOrders};
@@ -98,7 +99,7 @@ impl Daemon {
 
         let settings = ipc_settings(&config);
         let (ipc_orders, ipc_ordered) = channel::bounded(64);
-        let (reload_in, reload) = channel::bounded(1);
+        let (reload_in, reload) = channel::bounded(16);
         let ghost = match config.settings().telemetry.ghost {
             true => GhostShell::new(config.follower_settings(), config.settings().mpc.horizon)?,
             false => GhostShell::none(),
@@ -128,6 +129,7 @@ impl Daemon {
             ipc: Some(ipc),
             ipc_orders,
             reload,
+            reloads: Reloads::default(),
             learner: Some(learner),
             learner_orders,
             quit,

@@ -1,9 +1,9 @@
 //! Once an arm is armed and all peers have connected, the real-time thread takes no page fault: all its
-//! memory is mapped and locked.
+//! memory is mapped and locked. Settings are read again meanwhile.
 
 use std::time::Duration;
 
-use foretrace_tests::{World, skipped, until};
+use foretrace_tests::{World, skipped, told, until};
 use serde_json::Value;
 
 use crate::PROGRAM;
@@ -34,6 +34,11 @@ fn real_time_thread_takes_no_page_fault_while_it_moves_an_arm() {
     // Until the last of them has connected and been warmed up to, and the count was read since.
     std::thread::sleep(Duration::from_secs(1));
     let before = world.status(0);
+    // A child checks the settings: a copy of this process would write-protect every page of it.
+    for _ in 0..3 {
+        let asked = world.run(0, &["request", "reload"]);
+        assert!(asked.status.success(), "{}", told(&asked));
+    }
     let ticks = |status: &Value| status["loop"]["ticks"].as_u64().expect("a count");
     let after = until("some seconds of writing", || {
         let status = world.status(0);

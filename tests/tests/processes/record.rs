@@ -49,8 +49,10 @@ fn a_killed_recorder_leaves_what_it_had_and_nothing_is_written_over() {
     recorder.kill();
     let part = std::fs::read_to_string(world.file("pen.csv.part")).unwrap();
     assert!(rows(&part).len() > 100, "{} rows", rows(&part).len());
-    let refused = world.run(0, &["record", "--pen", "pen.csv"]);
-    assert_refused(&refused, 5, &["pen.csv.part exists already", "rename or remove it"]);
+    // The next one sets it aside, and says so; it records nothing itself here.
+    let silent = world.run(0, &["record", "--pen", "pen.csv", "--seconds", "0.2"]);
+    assert_refused(&silent, 1, &["pen.interrupted-1.csv", "0 pen samples came"]);
+    assert_eq!(std::fs::read_to_string(world.file("pen.interrupted-1.csv")).unwrap(), part);
     let refused = world.run(0, &["record", "--pen", "none/pen.csv"]);
     assert_refused(&refused, 5, &["none/pen.csv.part: No such file"]);
     let silent = world.run(0, &["record", "--pen", "other.csv", "--seconds", "0.2"]);

@@ -42,6 +42,9 @@ pub(super) fn run(args: &RecordArgs, pen: &Path) -> Result<(), Failure> {
     let mut log = PenLog::create(pen, &args.writer).map_err(|error| {
         Failure::bad_input(error, "give a new --pen FILE in a folder that can be written")
     })?;
+    if let Some(aside) = log.aside() {
+        note!("record: an interrupted recording of that name is kept: {}", aside.display());
+    }
     note!("record: recording the pen into {} until Ctrl-C", pen.display());
     let part = log.part().to_path_buf();
     let kept = |error: std::io::Error| {

@@ -95,11 +95,7 @@ pub(super) fn read(file: &Path, placed: impl Fn(Vector3<f64>) -> Vector3<f64>) -
             &"only STL and OBJ are read: convert it (for example with MeshLab or `assimp export`)",
         ));
     }
-    let size = file.metadata().map_err(|error| wrong(&error))?.len();
-    if size > LARGEST {
-        return Err(wrong(&format_args!("{size} bytes are more than {LARGEST}: simplify the mesh")));
-    }
-    let bytes = std::fs::read(file).map_err(|error| wrong(&error))?;
+    let bytes = foretrace_config::files::read_regular(file, LARGEST).map_err(|error| wrong(&error))?;
     let scene = if extension == "stl" {
         mesh_loader::stl::from_slice(&bytes)
     } else {

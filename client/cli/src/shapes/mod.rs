@@ -12,6 +12,7 @@ use std::fmt::Write as _;
 use std::io::Write as _;
 use std::path::PathBuf;
 
+use foretrace_config::files::read_text;
 use nalgebra::{Rotation3, Vector3};
 use urdf_rs::{Geometry, Link, Pose};
 
@@ -55,7 +56,8 @@ pub(crate) fn run(args: &ShapesArgs) -> Result<(), Failure> {
             "give a robot description in URDF",
         )
     };
-    let text = std::fs::read_to_string(&args.urdf).map_err(|error| wrong(&error))?;
+    let longest = foretrace_control::arm::LONGEST_BYTES as u64;
+    let text = read_text(&args.urdf, longest).map_err(|error| wrong(&error))?;
     let robot = foretrace_control::arm::description(&text).map_err(|error| wrong(&error))?;
     let search = Search::new(&args.urdf, args.packages.clone());
     let (mut proposals, mut refused) = (Vec::new(), Vec::new());

@@ -7,11 +7,15 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use foretrace_config::files::read_regular;
 use foretrace_config::models::{Container, DType, container_bytes};
 
 use super::adam::{Adam, AdamSettings};
 use super::engine::Scores;
 use super::fit::{Epoch, State};
+
+/// Longest checkpoint \[bytes\]: four times the largest network that is loaded.
+const LONGEST: u64 = 64 << 20;
 
 /// A checkpoint that cannot be used.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -87,7 +91,7 @@ pub fn save(file: &Path, plan: &str, state: &State) -> Result<(), CheckpointErro
 /// [`CheckpointError`]: unreadable, damaged, or of another training.
 pub fn load(file: &Path, plan: &str, count: usize) -> Result<State, CheckpointError> {
     let name = file.display().to_string();
-    let bytes = std::fs::read(file).map_err(|error| CheckpointError::File {
+    let bytes = read_regular(file, LONGEST).map_err(|error| CheckpointError::File {
         file: name.clone(),
         what: "read",
         why: error.to_string(),

@@ -3,6 +3,9 @@
 mod closed_loop;
 mod desk;
 mod figures;
+mod forged;
+#[path = "../../../../tests/src/forged.rs"]
+mod forging;
 mod lag_online;
 mod lockstep;
 mod legal_settings;

@@ -1,7 +1,7 @@
 //! A file as bytes, and its refusal: shared by the loaders.
 
+use foretrace_config::files::read_regular;
 use std::fmt;
-use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
 const FILE_BYTES_MAX: u64 = 128 << 20;
@@ -48,13 +48,5 @@ pub(super) fn open(path: &Path) -> Result<std::fs::File, Refusal> {
 
 /// The whole of a regular file that is not too large.
 pub(super) fn read_limited(path: &Path) -> Result<Vec<u8>, Refusal> {
-    let mut bytes = Vec::new();
-    open(path)?.take(FILE_BYTES_MAX + 1).read_to_end(&mut bytes).map_err(|e| unreadable(path, e))?;
-    if bytes.len() as u64 > FILE_BYTES_MAX {
-        return Err(Refusal::whole(
-            path,
-            format!("the file has more than {FILE_BYTES_MAX} bytes, which is the most that is read"),
-        ));
-    }
-    Ok(bytes)
+    read_regular(path, FILE_BYTES_MAX).map_err(|e| unreadable(path, e))
 }

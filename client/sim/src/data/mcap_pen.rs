@@ -6,6 +6,7 @@
 use super::Recording;
 use super::csv::{POSITION_MAX_M, RATE_HZ, recording_of};
 use super::file::{Refusal, open, unreadable};
+use super::mcap_record::parse_mcap_record;
 use crate::path::{PathSample, PenPath};
 use mcap::records::{Record, op};
 use std::collections::BTreeMap;
@@ -231,7 +232,7 @@ impl Pen<'_> {
                 format!("more than {CHANNELS_MAX} schemas or channels of {TOPIC}"),
             ));
         }
-        match mcap::parse_record(kind, body).map_err(|error| damaged(self.path, error))? {
+        match parse_mcap_record(kind, body).map_err(|error| damaged(self.path, error))? {
             Record::Schema { header, data } if header.encoding == ENCODING => {
                 self.tables.insert(header.id, std::str::from_utf8(&data).ok().and_then(PenTable::of));
             }

@@ -8,12 +8,13 @@
 //! ```
 //!
 //! Contract: a recording appears under its name only when it is whole; until then it grows in `NAME.part`,
-//! which is a readable recording itself and stays behind if the recorder is killed. Existing files are never
-//! overwritten.
+//! which is a readable recording itself and stays behind if the recorder is killed; the next one sets it
+//! aside as `NAME.interrupted-N`. Existing files are never overwritten.
 
 use super::csv_lines::{HEADER, MARK, UNKNOWN, VERSION, row};
 use crate::path::PathSample;
-use std::fs::{File, OpenOptions};
+use crate::whole::begin;
+use std::fs::File;
 use std::io::{self, BufWriter, Seek as _, SeekFrom, Write as _};
 use std::path::{Path, PathBuf};
 
@@ -27,6 +28,7 @@ const FLUSH_EVERY_US: i64 = 1_000_000;
 pub struct PenLog {
     file: BufWriter<File>,
     part: PathBuf,
+    aside: Option<PathBuf>,
     target: PathBuf,
     writer: String,
     first_ns: Option<u64>,
@@ -51,8 +53,24 @@ impl PenLog {
     /// Begins the recording `target`. `writer` is the writer's name: no blanks, or empty.
     ///
     /// # Errors
-    /// Illegal writer; `target` or `target.part` exists already; the folder cannot be written.
+    /// Illegal writer; `target` exists already; a living process writes `target.part`; the folder cannot be
+    /// written.
     pub fn create(target: &Path, writer: &str) -> io::Result<Self> {
+        let aside = set_aside(target);
+        let log = Self::begin(target, writer, |part| std::fs::rename(part, &aside))?;
+        Ok(Self { aside: aside.exists().then_some(aside), ..log })
+    }
+
+    /// As [`PenLog::create`], for samples that stand in another file too: what an earlier try left is
+    /// removed.
+    ///
+    /// # Errors
+    /// As [`PenLog::create`].
+    pub fn copy(target: &Path, writer: &str) -> io::Result<Self> {
+        Self::begin(target, writer, |part| std::fs::remove_file(part))
+    }
+
+    fn begin(target: &Path, writer: &str, leftover: impl Fn(&Path) -> io::Result<()>) -> io::Result<Self> {
         if writer.chars().any(|c| c.is_whitespace() || c.is_control()) {
             let why = format!("writer {writer:?} has blanks; legal: one word");
             return Err(io::Error::new(io::ErrorKind::InvalidInput, why));
@@ -63,16 +81,12 @@ impl PenLog {
         if target.symlink_metadata().is_ok() {
             return Err(exists(target, "choose another name"));
         }
-        let file = OpenOptions::new().write(true).create_new(true).open(&part).map_err(|error| {
-            if error.kind() == io::ErrorKind::AlreadyExists {
-                exists(&part, "a recording was interrupted there: rename or remove it")
-            } else {
-                io::Error::new(error.kind(), format!("{}: {error}", part.display()))
-            }
-        })?;
+        let file = begin(&part, leftover)
+            .map_err(|error| io::Error::new(error.kind(), format!("{}: {error}", part.display())))?;
         let mut log = Self {
             file: BufWriter::new(file),
             part,
+            aside: None,
             target: target.to_path_buf(),
             writer: writer.to_owned(),
             first_ns: None,
@@ -91,6 +105,12 @@ impl PenLog {
     #[must_use]
     pub fn part(&self) -> &Path {
         &self.part
+    }
+
+    /// Where what a killed recorder had left was set aside, if there was anything.
+    #[must_use]
+    pub fn aside(&self) -> Option<&Path> {
+        self.aside.as_deref()
     }
 
     /// Adds a reading of the pen at `stamp_ns`; `false`: left out, because its stamp is not at least a
@@ -156,6 +176,14 @@ impl PenLog {
     }
 }
 
+/// A free name beside `target` for what a killed recorder left of it.
+fn set_aside(target: &Path) -> PathBuf {
+    let stem = target.file_stem().unwrap_or_default().to_string_lossy();
+    let extension = target.extension().map_or_else(String::new, |e| format!(".{}", e.to_string_lossy()));
+    let place = |number: u32| target.with_file_name(format!("{stem}.interrupted-{number}{extension}"));
+    (1..).map(place).find(|place| place.symlink_metadata().is_err()).unwrap_or_else(|| place(0))
+}
+
 fn exists(path: &Path, remedy: &str) -> io::Error {
     io::Error::new(io::ErrorKind::AlreadyExists, format!("{} exists already; {remedy}", path.display()))
 }
@@ -209,17 +237,23 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let mut log = logged(folder.path(), 500);
         log.file.flush().unwrap();
-        std::mem::forget(log);
         let part = folder.path().join("a.csv.part");
         assert_eq!(load_recording(&part).unwrap().rate_hz.round(), 200.0);
-        let error = PenLog::create(&folder.path().join("a.csv"), "").unwrap_err().to_string();
-        assert!(
-            error.ends_with(
-                "a.csv.part exists already; a recording was interrupted there: rename or remove it"
-            )
-        );
+        let target = folder.path().join("a.csv");
+        let error = PenLog::create(&target, "").unwrap_err().to_string();
+        assert!(error.ends_with("a.csv.part: another process is writing it"), "{error}");
         let error = PenLog::create(&part, "").unwrap_err().to_string();
         assert!(error.ends_with("a.csv.part exists already; choose another name"), "{error}");
+        let left = std::fs::read(&part).unwrap();
+        // Killed: its lock is gone. What it left is set aside, each time under another name.
+        drop(log);
+        let aside = |number: u32| folder.path().join(format!("a.interrupted-{number}.csv"));
+        assert_eq!(PenLog::create(&target, "").unwrap().aside(), Some(&*aside(1)));
+        assert_eq!(std::fs::read(aside(1)).unwrap(), left);
+        drop(PenLog::create(&target, "").unwrap());
+        assert!(std::fs::read(aside(1)).unwrap() == left && aside(2).exists());
+        drop(PenLog::copy(&target, "").unwrap());
+        assert!(!aside(3).exists() && part.exists(), "a copy replaces what an earlier try left");
         let error = PenLog::create(&folder.path().join("b.csv"), "a b").unwrap_err().to_string();
         assert_eq!(error, "writer \"a b\" has blanks; legal: one word");
     }

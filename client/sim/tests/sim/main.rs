@@ -1,6 +1,9 @@
 //! Tests of recordings and data sets, one file per subject. One binary, so that shared code is compiled once.
 
 mod data_sets;
+mod forged;
+#[path = "../../../../tests/src/forged.rs"]
+mod forging;
 mod fuzz_loaders;
 mod inkml_files;
 mod made;

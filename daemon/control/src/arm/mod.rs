@@ -4,6 +4,7 @@
 
 mod band;
 pub(crate) mod bodies;
+pub(crate) mod bounds;
 pub mod chain;
 pub mod dynamics;
 pub mod lag;
@@ -16,6 +17,7 @@ mod track;
 pub(crate) mod urdf;
 
 pub use bodies::Capsule;
+pub use bounds::LONGEST_BYTES;
 pub use chain::{Chain, ChainLimits, Kinematics, ToolMotion};
 pub use dynamics::{Dynamics, DynamicsError, Payload};
 pub use limits::{JointLimits, JointMotion, LimitError, VelocityBox, velocity_box};

@@ -10,6 +10,7 @@ use thiserror::Error;
 use urdf_rs::{Joint, JointType, Robot};
 
 use crate::arm::bodies::{Bodies, bodies, places};
+use crate::arm::bounds::bounded;
 use crate::arm::dynamics::{DynamicsError, Inertia, inertias};
 
 /// Why a robot description cannot be used.
@@ -20,6 +21,18 @@ pub enum ChainError {
     Malformed {
         /// The parser's message.
         reason: String,
+    },
+    /// Larger than anything that describes an arm.
+    #[error(
+        "the robot description has {found} {what}, {most} are the most that are read: name that of one arm"
+    )]
+    Bound {
+        /// What is counted.
+        what: &'static str,
+        /// How many there are; where it stopped counting, at least.
+        found: usize,
+        /// How many there may be.
+        most: usize,
     },
     /// A macro file that has to be expanded first.
     #[error("it is a xacro file: expand it first with `xacro FILE > robot.urdf`, and name robot.urdf")]
@@ -228,8 +241,9 @@ pub(super) fn segments(text: &str, base: Option<&str>, tip: Option<&str>) -> Res
 /// Reads a robot description.
 ///
 /// # Errors
-/// A xacro file, not XML, not URDF, or no links.
+/// Too large or too deep, a xacro file, not XML, not URDF, or no links.
 pub fn description(text: &str) -> Result<Robot, ChainError> {
+    bounded(text)?;
     // Macros are not URDF: without expansion only part of the arm would be read, or nothing.
     if xacro(text) {
         return Err(ChainError::Xacro);

@@ -169,7 +169,7 @@ pub(super) const CASES: &[Case] = &[
     ("record --repair @/none.mcap", 5, &["cannot read", "none.mcap"]),
     ("replay @/none.mcap", 5, &["cannot read", "none.mcap"]),
     ("play @/none.mcap {}", 5, &["cannot read", "none.mcap"]),
-    ("replay @", 5, &["no ordinary file"]),
+    ("replay @", 5, &["not a regular file"]),
     ("replay @/none.mcap --what-if trust", 2, &["KEY=VALUE"]),
     ("replay @/none.mcap --what-if trust=0", 5, &["cannot read", "none.mcap"]),
     ("explain @/none.mcap", 5, &["cannot read", "none.mcap"]),

@@ -32,14 +32,8 @@ pub(super) fn read(path: &Path) -> Result<Vec<Mark>, Failure> {
             format_args!("write the header {HEADER} and one mark per line"),
         )
     };
-    let mut bytes = Vec::new();
-    let file = std::fs::File::open(path).map_err(|error| wrong(error.to_string()))?;
-    std::io::Read::read_to_end(&mut std::io::Read::take(file, FILE_BYTES + 1), &mut bytes)
-        .map_err(|error| wrong(error.to_string()))?;
-    if bytes.len() as u64 > FILE_BYTES {
-        return Err(wrong(format!("is longer than {FILE_BYTES} bytes")));
-    }
-    let text = String::from_utf8(bytes).map_err(|_| wrong("is no text".to_owned()))?;
+    let text =
+        foretrace_config::files::read_text(path, FILE_BYTES).map_err(|error| wrong(error.to_string()))?;
     parse(&text).map_err(wrong)
 }
 

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use foretrace_config::files::{LONGEST_SETTINGS, read_text};
 use foretrace_config::{Config, Settings};
 
 use super::fit::Fit;
@@ -33,7 +34,7 @@ pub(super) fn write(path: &Path, fit: &Fit) -> Result<(), Failure> {
             "nothing was written; put the lines above into [plane] by hand",
         )
     };
-    let text = std::fs::read_to_string(path).map_err(|error| refused(error.to_string()))?;
+    let text = read_text(path, LONGEST_SETTINGS).map_err(|error| refused(error.to_string()))?;
     let new = put(&text, &lines(fit));
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let config = Config::parse(&new, &path.display().to_string(), folder)

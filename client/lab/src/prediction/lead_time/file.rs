@@ -5,6 +5,7 @@
 //! point; `r50`, `r90` are the radii \[raw units\] that should hold half and nine tenths of the true
 //! positions. Rows may stand in any order.
 
+use foretrace_config::files::read_text;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
@@ -15,6 +16,8 @@ use super::{LEADS_MS, SHARES};
 const COLUMNS: [&str; 6] = ["file", "segment", "t", "lead", "x", "y"];
 const BANDS: [&str; 2] = ["r50", "r90"];
 const POSITION_MAX: f64 = 1e12;
+/// Longest file \[bytes\]: ten million rows.
+const LONGEST: u64 = 512 << 20;
 
 /// A file of predictions that was refused.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -94,7 +97,7 @@ impl Predictions {
     /// # Errors
     /// [`PredictionError`] with file and line.
     pub fn load(path: &Path) -> Result<Self, PredictionError> {
-        let text = std::fs::read_to_string(path)
+        let text = read_text(path, LONGEST)
             .map_err(|e| PredictionError::Unreadable { file: path.to_path_buf(), why: e.to_string() })?;
         Self::parse(&text, path)
     }

@@ -3,6 +3,7 @@
 //! Any word may stand in `set`; `file` is relative to the folder. Further columns are for people.
 
 use super::{Row, SetError};
+use foretrace_config::files::read_text;
 use std::path::{Component, Path};
 
 const BYTES_MAX: u64 = 64 << 20;
@@ -13,14 +14,7 @@ pub(super) fn read(path: &Path) -> Result<Vec<Row>, SetError> {
         path: path.to_path_buf(),
         why: format!("cannot read the split table: {why}"),
     };
-    let meta = std::fs::metadata(path).map_err(|e| unreadable(e.to_string()))?;
-    if !meta.is_file() {
-        return Err(unreadable("not a regular file".to_owned()));
-    }
-    if meta.len() > BYTES_MAX {
-        return Err(unreadable(format!("{} bytes; at most {BYTES_MAX} are read", meta.len())));
-    }
-    let text = std::fs::read_to_string(path).map_err(|e| unreadable(e.to_string()))?;
+    let text = read_text(path, BYTES_MAX).map_err(|e| unreadable(e.to_string()))?;
     parse(&text).map_err(|(line, why)| SetError::Row { file: path.to_path_buf(), line, why })
 }
 

@@ -1,6 +1,7 @@
 //! The lines of a UNIPEN file: Latin-1, keywords in column one, arguments up to the next keyword.
 
 use super::error::{At, Reason, UnipenError};
+use foretrace_config::files::read_regular;
 use std::path::{Component as Part, Path, PathBuf};
 
 const FILE_BYTES_MAX: u64 = 64 << 20;
@@ -48,16 +49,8 @@ pub(super) fn read_statements(text: &str) -> Vec<Statement<'_>> {
 
 /// Reads a whole file as Latin-1, in which every byte is a character.
 pub(super) fn read_latin1(path: &Path) -> Result<String, UnipenError> {
-    let at = At::new(path, 0);
-    let unreadable = |e: std::io::Error| at.fails(Reason::Unreadable(e.to_string()));
-    let meta = std::fs::metadata(path).map_err(unreadable)?;
-    if !meta.is_file() {
-        return Err(at.fails(Reason::Unreadable("not a regular file".to_owned())));
-    }
-    if meta.len() > FILE_BYTES_MAX {
-        return Err(at.fails(Reason::TooLarge { bytes: meta.len(), limit: FILE_BYTES_MAX }));
-    }
-    Ok(latin1(&std::fs::read(path).map_err(unreadable)?))
+    let unreadable = |e: std::io::Error| At::new(path, 0).fails(Reason::Unreadable(e.to_string()));
+    Ok(latin1(&read_regular(path, FILE_BYTES_MAX).map_err(unreadable)?))
 }
 
 pub(super) fn latin1(bytes: &[u8]) -> String {
