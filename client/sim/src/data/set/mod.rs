@@ -176,11 +176,19 @@ fn rows(folder: &Path) -> Result<Vec<Row>, SetError> {
 }
 
 fn words(rows: &[Row]) -> Vec<String> {
+    /// Words that fit into a message, and characters of each.
+    const MOST: (usize, usize) = (20, 40);
     let mut words: Vec<String> = Vec::new();
     for word in rows.iter().filter_map(|row| row.word.as_ref()).filter(|word| *word != "all") {
-        if !words.contains(word) {
-            words.push(word.clone());
+        let word: String = word.chars().take(MOST.1).collect();
+        if words.contains(&word) {
+            continue;
         }
+        if words.len() == MOST.0 {
+            words.push("…".to_owned());
+            break;
+        }
+        words.push(word);
     }
     words.push("all".to_owned());
     words

@@ -6,7 +6,8 @@ use super::{Row, SetError};
 use foretrace_config::files::read_text;
 use std::path::{Component, Path};
 
-const BYTES_MAX: u64 = 64 << 20;
+/// A hundred thousand files.
+const BYTES_MAX: u64 = 8 << 20;
 
 /// The rows of the table at `path`, in order.
 pub(super) fn read(path: &Path) -> Result<Vec<Row>, SetError> {
@@ -24,7 +25,8 @@ fn parse(text: &str) -> Result<Vec<Row>, (usize, String)> {
         lines.next().map(|(_, l)| l.split('\t').map(str::trim).collect()).unwrap_or_default();
     let column = |name: &str| header.iter().position(|h| *h == name);
     let (Some(set), Some(file)) = (column("set"), column("file")) else {
-        return Err((1, format!("the header must name the columns set and file, found {header:?}")));
+        let found = shortened(&format!("{header:?}"));
+        return Err((1, format!("the header must name the columns set and file, found {found}")));
     };
     let mut rows = Vec::new();
     for (line, text) in lines.filter(|(_, l)| !l.trim().is_empty()) {
@@ -38,12 +40,20 @@ fn parse(text: &str) -> Result<Vec<Row>, (usize, String)> {
             ));
         }
         if file.is_empty() || !Path::new(file).components().all(|p| matches!(p, Component::Normal(_))) {
-            return Err((line, format!("file {file:?} is not a path below the set's folder")));
+            let file = shortened(&format!("{file:?}"));
+            return Err((line, format!("file {file} is not a path below the set's folder")));
         }
         let writer = column("writer").map(cell).unwrap_or_default().to_owned();
         rows.push(Row { file: file.to_owned(), word: Some(word.to_owned()), writer, format: None });
     }
     Ok(rows)
+}
+
+/// At most so much of hostile text as fits into a message.
+fn shortened(text: &str) -> String {
+    const MOST: usize = 200;
+    let cut = text.chars().take(MOST).collect();
+    if text.chars().nth(MOST).is_some() { format!("{cut}…") } else { cut }
 }
 
 #[cfg(test)]
