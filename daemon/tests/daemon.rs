@@ -318,7 +318,7 @@ fn a_process_that_checks_settings_says_what_it_read_and_ends_without_room() {
         .unwrap();
     let check = |memory: &str, file: &std::path::Path| {
         let mut program = Command::new(env!("CARGO_BIN_EXE_foretraced"));
-        program.args(["check-settings", memory, "file"]).arg(file).args(["0", "loop.rate_hz", "250"]);
+        program.args(["check-settings", memory, "file"]).arg(file).args(["0", "loop.spin_us", "0"]);
         program.output().unwrap()
     };
     let good = check("0", &file);

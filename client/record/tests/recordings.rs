@@ -259,13 +259,17 @@ fn nothing_is_overwritten_and_two_recorders_do_not_share_a_file() {
     let place = TempDir::new().unwrap();
     let target = place.path().join("a.mcap");
     let first = Output::create(&target, &Facts::new()).unwrap();
-    assert!(matches!(Output::create(&target, &Facts::new()), Err(RecordError::Exists { .. })));
+    let second = Output::create(&target, &Facts::new());
+    assert!(matches!(second, Err(RecordError::Busy { .. })), "{second:?}");
     let busy = mend_leftovers(&target);
     assert!(matches!(busy, Err(RecordError::Busy { .. })), "{busy:?}");
     std::fs::write(&target, "mine").unwrap();
     assert!(matches!(first.finish(&Facts::new()), Err(RecordError::Exists { .. })));
     assert_eq!(std::fs::read(&target).unwrap(), b"mine");
     assert!(part_of(&target).exists(), "what was recorded is still there");
+    std::fs::remove_file(&target).unwrap();
+    let third = Output::create(&target, &Facts::new());
+    assert!(matches!(third, Err(RecordError::Exists { .. })), "nobody is at it, and it is kept: {third:?}");
 
     let other = place.path().join("b.mcap");
     // A killed recorder had begun further files of the same recording; others are not of it.

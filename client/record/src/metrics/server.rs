@@ -2,7 +2,8 @@
 //!
 //! Contract: it answers a bounded number of peers at a time, each within a bounded time as a whole, whatever
 //! they send and however slowly. Where one machine, or all together, have no place left, the peer that has
-//! been asking for longest gives way; one that has asked is answered. It holds no handle to the loop.
+//! been asking for longest gives way, after a moment of its own; one that has asked is answered. It holds no
+//! handle to the loop.
 
 use std::fmt::Write as _;
 use std::io::{self, Read as _, Write as _};
@@ -18,6 +19,8 @@ const PEERS: usize = 48;
 const OF_ONE: usize = 16;
 /// How long a peer may take to ask, from the first byte to the last.
 const ASKING: Duration = Duration::from_secs(2);
+/// A peer has so long before it gives way: newcomers wait.
+const MOMENT: Duration = Duration::from_millis(50);
 /// How long it may take to take the answer, all of it.
 const TAKING: Duration = Duration::from_secs(5);
 /// Bytes of a request at most.
@@ -88,6 +91,7 @@ struct Inside {
 struct Guest {
     number: u64,
     machine: IpAddr,
+    since: Instant,
     /// Its line, while it still asks.
     asking: Option<TcpStream>,
 }
@@ -104,40 +108,54 @@ impl Room {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// A place for `peer`, if need be that of one who still asks; none where all are being answered.
+    /// A place for `peer`, if need be that of one who still asks; none where all are being answered. Waits
+    /// while that one has not had its moment.
     fn enter(self: &Arc<Self>, peer: &TcpStream) -> Option<Seat> {
         let known = peer.peer_addr().and_then(|address| Ok((machine(address.ip()), peer.try_clone()?)));
-        let mut inside = self.inside();
         let Ok((machine, line)) = known else {
-            inside.turned_away += 1;
+            self.inside().turned_away += 1;
             return None;
         };
-        let own = inside.guests.iter().filter(|guest| guest.machine == machine).count();
-        let free = (own < OF_ONE || inside.give_way(Some(machine)))
-            && (inside.guests.len() < PEERS || inside.give_way(None));
-        if !free {
-            inside.turned_away += 1;
-            return None;
+        loop {
+            let mut inside = self.inside();
+            let own = inside.guests.iter().filter(|guest| guest.machine == machine).count();
+            let full = if own >= OF_ONE {
+                Some(Some(machine))
+            } else {
+                (inside.guests.len() >= PEERS).then_some(None)
+            };
+            let Some(of) = full else {
+                let number = inside.next;
+                inside.next += 1;
+                inside.guests.push(Guest { number, machine, since: Instant::now(), asking: Some(line) });
+                return Some(Seat { room: self.clone(), number });
+            };
+            let Some(wait) = inside.give_way(of) else {
+                inside.turned_away += 1;
+                return None;
+            };
+            drop(inside);
+            std::thread::sleep(wait);
         }
-        let number = inside.next;
-        inside.next += 1;
-        inside.guests.push(Guest { number, machine, asking: Some(line) });
-        Some(Seat { room: self.clone(), number })
     }
 }
 
 impl Inside {
-    /// Lets the one go that has been asking for longest, of one machine or of all.
-    fn give_way(&mut self, of: Option<IpAddr>) -> bool {
+    /// Lets the one go that has been asking for longest, of one machine or of all, and returns zero; or returns
+    /// how long to wait for that. `None`: all have asked.
+    fn give_way(&mut self, of: Option<IpAddr>) -> Option<Duration> {
         let asks =
             |guest: &Guest| guest.asking.is_some() && of.is_none_or(|machine| machine == guest.machine);
-        let Some(oldest) = self.guests.iter().position(asks) else { return false };
-        if let Some(line) = self.guests.remove(oldest).asking {
-            // Its thread reads the end; it may be gone already.
-            let _ = line.shutdown(Shutdown::Both);
+        let oldest = self.guests.iter().position(asks)?;
+        let wait = MOMENT.saturating_sub(self.guests.get(oldest)?.since.elapsed());
+        if wait.is_zero() {
+            if let Some(line) = self.guests.remove(oldest).asking {
+                // Its thread reads what has come, then the end; it may be gone already.
+                let _ = line.shutdown(Shutdown::Read);
+            }
+            self.gave_way += 1;
         }
-        self.gave_way += 1;
-        true
+        Some(wait)
     }
 }
 

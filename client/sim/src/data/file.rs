@@ -5,6 +5,8 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 
 const FILE_BYTES_MAX: u64 = 128 << 20;
+/// Longest reason \[characters\].
+const REASON_MAX: usize = 400;
 
 /// What is wrong with a file, and where.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -21,7 +23,12 @@ pub struct Refusal {
 impl Refusal {
     /// A refusal of `file` as a whole.
     pub(super) fn whole(file: &Path, reason: impl Into<String>) -> Self {
-        Self { file: file.to_path_buf(), line: 0, reason: reason.into() }
+        Self::at(file, 0, &reason.into())
+    }
+
+    /// A refusal of a line. The reason may quote the file, and is shortened.
+    pub(super) fn at(file: &Path, line: usize, reason: &str) -> Self {
+        Self { file: file.to_path_buf(), line, reason: super::shortened(reason, REASON_MAX) }
     }
 }
 

@@ -30,6 +30,13 @@ pub use unipen::{UnipenError, load_unipen};
 
 use std::path::PathBuf;
 
+/// Foreign text for a message: its first `most` characters.
+#[must_use]
+pub fn shortened(text: &str, most: usize) -> String {
+    let cut = text.chars().take(most).collect();
+    if text.chars().nth(most).is_some() { format!("{cut}…") } else { cut }
+}
+
 /// A step in time of more periods than this is a gap, in formats whose samples carry stamps.
 const GAP_PERIODS: f64 = 4.0;
 

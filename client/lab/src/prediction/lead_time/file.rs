@@ -6,6 +6,7 @@
 //! positions. Rows may stand in any order.
 
 use foretrace_config::files::read_text;
+use foretrace_sim::data::shortened;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
@@ -114,10 +115,10 @@ impl Predictions {
         let header = fields(header);
         let place = |name: &str| header.iter().position(|h| h == name);
         let (Some(columns), bands) = (all(COLUMNS.map(place)), all(BANDS.map(place))) else {
-            let wanted = COLUMNS.join(",");
+            let (wanted, found) = (COLUMNS.join(","), shortened(&format!("{header:?}"), 200));
             return Err(bad(
                 line,
-                format!("the header must name {wanted} and may name r50,r90; found {header:?}"),
+                format!("the header must name {wanted} and may name r50,r90; found {found}"),
             ));
         };
         let mut predictions = Self { path: path.to_path_buf(), files: Vec::new(), rows: Vec::new() };
@@ -128,18 +129,21 @@ impl Predictions {
             let (name, [segment, point, lead]) =
                 (cell(columns[0]), [cell(columns[1]), cell(columns[2]), cell(columns[3])]);
             let count = |what: &str, text: &str| {
-                text.parse::<usize>()
-                    .map_err(|_| bad(line, format!("{what} is {text:?}; legal: 0, 1, 2 ...")))
+                text.parse::<usize>().map_err(|_| {
+                    bad(line, format!("{what} is {:?}; legal: 0, 1, 2 ...", shortened(text, 40)))
+                })
             };
             let length = |what: &str, text: &str, low: f64| {
                 let value = text.parse::<f64>().ok().filter(|v| (low..=POSITION_MAX).contains(v));
                 value.ok_or_else(|| {
+                    let text = shortened(text, 40);
                     bad(line, format!("{what} is {text:?}; legal: {low:e} to {POSITION_MAX:e}"))
                 })
             };
             let ahead =
                 lead.parse::<f64>().ok().and_then(|ms| LEADS_MS.iter().position(|l| f64::from(*l) == ms));
             let Some(ahead) = ahead else {
+                let lead = shortened(lead, 40);
                 return Err(bad(line, format!("lead is {lead:?}; legal: 10, 20 ... 200 [ms]")));
             };
             let position = [

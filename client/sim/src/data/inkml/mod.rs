@@ -50,7 +50,7 @@ pub(super) fn parse_inkml(bytes: &[u8], path: &Path) -> Result<Recording, Refusa
     let text = text.trim_start_matches('\u{feff}');
     let refused = |(at, reason): Fault| {
         let line = 1 + text.as_bytes().iter().take(at).filter(|b| **b == b'\n').count();
-        Refusal { file: path.to_path_buf(), line, reason }
+        Refusal::at(path, line, &reason)
     };
     let document = document::read(text).map_err(refused)?;
     let timing = Timing::of(&document).map_err(|why| Refusal::whole(path, why))?;

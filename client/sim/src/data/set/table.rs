@@ -3,11 +3,16 @@
 //! Any word may stand in `set`; `file` is relative to the folder. Further columns are for people.
 
 use super::{Row, SetError};
+use crate::data::shortened;
 use foretrace_config::files::read_text;
 use std::path::{Component, Path};
 
 /// A hundred thousand files.
 const BYTES_MAX: u64 = 8 << 20;
+/// The longest path of Linux.
+const CELL_MAX: usize = 4096;
+/// Characters of foreign text in a message.
+const TOLD: usize = 200;
 
 /// The rows of the table at `path`, in order.
 pub(super) fn read(path: &Path) -> Result<Vec<Row>, SetError> {
@@ -25,12 +30,15 @@ fn parse(text: &str) -> Result<Vec<Row>, (usize, String)> {
         lines.next().map(|(_, l)| l.split('\t').map(str::trim).collect()).unwrap_or_default();
     let column = |name: &str| header.iter().position(|h| *h == name);
     let (Some(set), Some(file)) = (column("set"), column("file")) else {
-        let found = shortened(&format!("{header:?}"));
+        let found = shortened(&format!("{header:?}"), TOLD);
         return Err((1, format!("the header must name the columns set and file, found {found}")));
     };
     let mut rows = Vec::new();
     for (line, text) in lines.filter(|(_, l)| !l.trim().is_empty()) {
         let cells: Vec<&str> = text.split('\t').map(str::trim).collect();
+        if let Some(long) = cells.iter().find(|cell| cell.len() > CELL_MAX) {
+            return Err((line, format!("a cell of {} bytes; legal: at most {CELL_MAX}", long.len())));
+        }
         let cell = |i: usize| cells.get(i).copied().unwrap_or_default();
         let (word, file) = (cell(set), cell(file));
         if word.is_empty() {
@@ -40,20 +48,13 @@ fn parse(text: &str) -> Result<Vec<Row>, (usize, String)> {
             ));
         }
         if file.is_empty() || !Path::new(file).components().all(|p| matches!(p, Component::Normal(_))) {
-            let file = shortened(&format!("{file:?}"));
+            let file = shortened(&format!("{file:?}"), TOLD);
             return Err((line, format!("file {file} is not a path below the set's folder")));
         }
         let writer = column("writer").map(cell).unwrap_or_default().to_owned();
         rows.push(Row { file: file.to_owned(), word: Some(word.to_owned()), writer, format: None });
     }
     Ok(rows)
-}
-
-/// At most so much of hostile text as fits into a message.
-fn shortened(text: &str) -> String {
-    const MOST: usize = 200;
-    let cut = text.chars().take(MOST).collect();
-    if text.chars().nth(MOST).is_some() { format!("{cut}…") } else { cut }
 }
 
 #[cfg(test)]

@@ -36,19 +36,19 @@ pub enum Reason {
              keep the set's data/ and include/ folders together"
     )]
     MissingInclude {
-        /// As written.
+        /// As written, shortened.
         wanted: String,
     },
     /// `.INCLUDE` of an absolute path or one with `..`.
     #[error("include {wanted:?} leads out of the include folder; only paths below it are read")]
     EscapingInclude {
-        /// As written.
+        /// As written, shortened.
         wanted: String,
     },
     /// A file that includes itself, directly or through others.
     #[error("include {wanted:?} is cyclic: that file is being read already")]
     CyclicInclude {
-        /// As written.
+        /// As written, shortened.
         wanted: String,
     },
     /// More includes than real files have.
@@ -62,7 +62,7 @@ pub enum Reason {
     /// A token that is not a number where one must stand.
     #[error("{token:?} is not a number")]
     NotANumber {
-        /// As written, shortened.
+        /// As written, shortened. shortened.
         token: String,
     },
     /// A number outside its legal range.
@@ -83,7 +83,7 @@ pub enum Reason {
     /// `.COORD` that names no X or no Y.
     #[error(".COORD must name X and Y, found {found:?}")]
     CoordWithoutXy {
-        /// As written.
+        /// As written, shortened.
         found: String,
     },
     /// A row of points that ends early.

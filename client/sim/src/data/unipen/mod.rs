@@ -133,10 +133,10 @@ impl Ink {
             if self.pendigits.is_some() {
                 return Ok(());
             }
-            return Err(at.fails(Reason::MissingInclude { wanted: wanted.to_owned() }));
+            return Err(at.fails(Reason::MissingInclude { wanted: text::shortened(wanted) }));
         };
         if stack.contains(&file.canonicalize().unwrap_or_else(|_| file.clone())) {
-            return Err(at.fails(Reason::CyclicInclude { wanted: wanted.to_owned() }));
+            return Err(at.fails(Reason::CyclicInclude { wanted: text::shortened(wanted) }));
         }
         self.read_text(&text::read_latin1(&file)?, root, &file, stack)
     }
@@ -282,7 +282,7 @@ fn columns(statement: &Statement<'_>) -> Result<Columns, Reason> {
     let find = |name: &str| names.iter().position(|n| n.eq_ignore_ascii_case(name));
     match (find("X"), find("Y")) {
         (Some(x), Some(y)) => Ok(Columns { width: names.len(), x, y }),
-        _ => Err(Reason::CoordWithoutXy { found: names.join(" ") }),
+        _ => Err(Reason::CoordWithoutXy { found: text::shortened(&names.join(" ")) }),
     }
 }
 

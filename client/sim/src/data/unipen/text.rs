@@ -74,12 +74,9 @@ pub(super) fn resolve_include(root: &Path, wanted: &str) -> Result<Option<PathBu
     Ok(below_include.chain(beside).find(|candidate| candidate.is_file()))
 }
 
-/// At most 40 characters of hostile text, for a message.
+/// Foreign text for a message.
 pub(super) fn shortened(text: &str) -> String {
-    if text.chars().count() <= 40 {
-        return text.to_owned();
-    }
-    text.chars().take(40).chain(['…']).collect()
+    crate::data::shortened(text, 40)
 }
 
 #[cfg(test)]
