@@ -25,7 +25,8 @@ pub fn read_regular(path: &Path, most: u64) -> Result<Vec<u8>> {
     // A pipe without a writer blocks whoever opens it.
     let about = std::fs::metadata(path)?;
     if !about.is_file() {
-        return Err(Error::new(ErrorKind::InvalidInput, "not a regular file"));
+        let what = if about.is_dir() { "a directory, not a regular file" } else { "not a regular file" };
+        return Err(Error::new(ErrorKind::InvalidInput, what));
     }
     if about.len() > most {
         return Err(long(&about.len()));
@@ -132,7 +133,7 @@ mod tests {
     fn devices_folders_and_long_files_are_refused_with_a_reason() {
         let told = |path: &str, most| read_text(Path::new(path), most).unwrap_err().to_string();
         assert_eq!(told("/dev/zero", 10), "not a regular file");
-        assert_eq!(told("/", 10), "not a regular file");
+        assert_eq!(told("/", 10), "a directory, not a regular file");
         let own = concat!(env!("CARGO_MANIFEST_DIR"), "/Cargo.toml");
         let bytes = std::fs::metadata(own).unwrap().len();
         assert_eq!(told(own, 10), format!("it has {bytes} bytes, 10 are the most that are read"));

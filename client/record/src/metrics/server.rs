@@ -141,8 +141,8 @@ impl Room {
 }
 
 impl Inside {
-    /// Lets the one go that has been asking for longest, of one machine or of all, and returns zero; or returns
-    /// how long to wait for that. `None`: all have asked.
+    /// Lets the one go that has been asking for longest, of one machine or of all, and returns zero; or
+    /// returns how long to wait for that. `None`: all have asked.
     fn give_way(&mut self, of: Option<IpAddr>) -> Option<Duration> {
         let asks =
             |guest: &Guest| guest.asking.is_some() && of.is_none_or(|machine| machine == guest.machine);
