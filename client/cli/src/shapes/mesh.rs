@@ -8,6 +8,8 @@ use std::path::{Path, PathBuf};
 
 use nalgebra::Vector3;
 
+use crate::shapes::cover::Triangle;
+
 /// Larger files are refused [bytes].
 const LARGEST: u64 = 256 << 20;
 
@@ -73,12 +75,12 @@ impl Search {
     }
 }
 
-/// The vertices and volume of a mesh.
+/// The triangles of a mesh.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Mesh {
-    pub(super) vertices: Vec<Vector3<f64>>,
-    /// Enclosed by the triangles [m³]; none where they enclose nothing.
-    pub(super) volume: Option<f64>,
+    pub(super) triangles: Vec<Triangle>,
+    /// Enclosed by the triangles [m³]; 0 where they enclose nothing.
+    pub(super) volume: f64,
 }
 
 /// Reads `file`, every vertex moved by `placed`.
@@ -109,26 +111,28 @@ pub(super) fn read(file: &Path, placed: impl Fn(Vector3<f64>) -> Vector3<f64>) -
     let scene = scene.map_err(|error| {
         wrong(&format_args!("it cannot be read as {}: {error}", extension.to_uppercase()))
     })?;
-    let (mut vertices, mut volume) = (Vec::new(), 0.0);
+    let mut triangles: Vec<Triangle> = Vec::new();
     for part in &scene.meshes {
         let moved: Vec<Vector3<f64>> =
             part.vertices.iter().map(|vertex| placed(Vector3::from(vertex.map(f64::from)))).collect();
         for face in &part.faces {
-            let corner = |index: u32| moved.get(index as usize).copied().unwrap_or_default();
-            let [a, b, c] = face.map(corner);
-            volume += a.dot(&b.cross(&c)) / 6.0;
+            let corner = |index: u32| moved.get(index as usize).copied();
+            let [Some(a), Some(b), Some(c)] = face.map(corner) else {
+                return Err(wrong(&"a triangle has a corner that is not among the vertices"));
+            };
+            triangles.push([a, b, c]);
         }
-        vertices.extend(moved);
     }
-    if vertices.is_empty() {
+    if triangles.is_empty() {
         return Err(wrong(&"it holds no triangles"));
     }
-    if !vertices.iter().all(|vertex| vertex.iter().all(|x| x.abs() < 1e3)) {
+    if !triangles.iter().flatten().all(|vertex| vertex.iter().all(|x| x.abs() < 1e3)) {
         return Err(wrong(
             &"a vertex is not finite, or farther than 1000 m away: is the scale of the description right?",
         ));
     }
-    Ok(Mesh { vertices, volume: Some(volume.abs()).filter(|volume| *volume > 1e-12) })
+    let volume: f64 = triangles.iter().map(|[a, b, c]| a.dot(&b.cross(c)) / 6.0).sum();
+    Ok(Mesh { triangles, volume: volume.abs() })
 }
 
 #[cfg(test)]
@@ -178,9 +182,10 @@ mod tests {
             let file = folder.path().join(name);
             std::fs::write(&file, bytes).unwrap();
             let mesh = read(&file, |vertex| vertex * 0.5).unwrap();
-            let volume = mesh.volume.unwrap();
-            assert!((volume - 1.0).abs() < 1e-6, "{name}: {volume}");
-            assert!(mesh.vertices.iter().all(|v| v.iter().all(|x| (0.0..=1.0).contains(x))), "{name}");
+            assert_eq!(mesh.triangles.len(), 12, "{name}");
+            assert!((mesh.volume - 1.0).abs() < 1e-6, "{name}: {}", mesh.volume);
+            let corners: Vec<_> = mesh.triangles.iter().flatten().collect();
+            assert!(corners.iter().all(|v| v.iter().all(|x| (0.0..=1.0).contains(x))), "{name}");
         }
     }
 
