@@ -127,8 +127,8 @@ pub(super) fn with_obstacles<const J: usize>(chain: &Chain<J>, obstacles: &[Obst
     pairs
         .filter_map(|(capsule, obstacle, number)| {
             let other = match obstacle {
-                // A first link that turns parallel to the table that the arm stands on, and a housing around the
-                // second joint: no joint changes that gap.
+                // A first link that turns parallel to the table that the arm stands on, and a housing around
+                // the second joint: no joint changes that gap.
                 Obstacle::HalfSpace(plane)
                     if (capsule.link == 1 || (capsule.link == 2 && turned_in_place(capsule)))
                         && plane.normal.dot(&first_axis).abs() > 1.0 - 1e-6 =>
