@@ -49,9 +49,9 @@ start_daemon() {
   try "no daemon" "$FORETRACE" status "${at[@]}"
 }
 
-# start_arm [OPTIONS...]: a simulated one, armed; `arm` is its process.
+# start_arm: a simulated one, armed; `arm` is its process.
 start_arm() {
-  "$FORETRACE" arm sim "$@" "${at[@]}" >"$scratch/arm.log" 2>&1 &
+  "$FORETRACE" arm sim "${at[@]}" >"$scratch/arm.log" 2>&1 &
   arm=$!
   children+=("$arm")
   try "the arm cannot be armed" "$FORETRACE" request arm "${at[@]}"

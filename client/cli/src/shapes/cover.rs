@@ -36,6 +36,9 @@ const ALONE: usize = 1000;
 const SAMPLES: usize = 250;
 /// Directions in which the reach of capsules is compared with the mesh's.
 const REACHES: usize = 150;
+/// What the volume counts beside the reach: at 1, pairs of a UR5 are believed 12.3 mm too near in the median
+/// over random postures, at a fifth 11.4.
+const VOLUME: f64 = 0.2;
 /// Of two covers whose costs differ by no more than this, that with fewer capsules is taken [m].
 const WORTH_M: f64 = 2e-4;
 
@@ -86,15 +89,15 @@ impl Task {
         Self { patches, reaches, surface }
     }
 
-    /// By how much, in the mean over all directions, capsules reach farther than the mesh, and their volume
-    /// over the surface of one around all [m].
+    /// By how much, in the mean over all directions, capsules reach farther than the mesh, and a share of
+    /// their volume over the surface of one around all [m].
     fn cost(&self, axes: &[Axis]) -> f64 {
         let farther = self.reaches.iter().map(|(direction, mesh)| {
             let reach = axes.iter().map(|axis| axis.reach(direction)).fold(f64::NEG_INFINITY, f64::max);
             reach - mesh
         });
         let mean = farther.sum::<f64>() / self.reaches.len().max(1) as f64;
-        mean + union(axes, &SAMPLED) / self.surface
+        mean + VOLUME * union(axes, &SAMPLED) / self.surface
     }
 }
 
@@ -287,10 +290,10 @@ pub(super) fn volume(capsules: &[Capsule]) -> f64 {
 }
 
 /// xorshift64* with a fixed seed: the same mesh gives the same capsules.
-struct Dice(u64);
+pub(super) struct Dice(u64);
 
 impl Dice {
-    const fn new() -> Self {
+    pub(super) const fn new() -> Self {
         Self(0x5eed_cafe)
     }
 
@@ -302,7 +305,7 @@ impl Dice {
         (self.0.wrapping_mul(0x2545_f491_4f6c_dd1d) >> 11) as f64 / (1_u64 << 53) as f64
     }
 
-    fn below(&mut self, count: usize) -> usize {
+    pub(super) fn below(&mut self, count: usize) -> usize {
         ((self.unit() * count as f64) as usize).min(count.saturating_sub(1))
     }
 

@@ -138,6 +138,7 @@ pub(super) fn read(file: &Path, placed: impl Fn(Vector3<f64>) -> Vector3<f64>) -
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::shapes::cover::Dice;
 
     /// A cube with edges of 2, one corner at the origin, as triangles that look outwards.
     fn cube() -> Vec<[[f32; 3]; 3]> {
@@ -209,6 +210,44 @@ mod tests {
             std::fs::write(&file, bytes).unwrap();
             let why = read(&file, |vertex| vertex).unwrap_err();
             assert!(why.contains(name) && why.contains(' '), "{why}");
+        }
+    }
+
+    /// Damage is an error or other triangles, never a panic. FORETRACE_FUZZ_CASES=N: N cases of each format.
+    #[test]
+    fn damaged_meshes_are_an_error_or_finite_triangles() {
+        let cases = std::env::var("FORETRACE_FUZZ_CASES").map_or(300, |text| text.parse().expect("a number"));
+        let folder = tempfile::tempdir().unwrap();
+        let mut dice = Dice::new();
+        for (name, whole) in [("a.stl", binary()), ("b.stl", ascii()), ("c.obj", obj())] {
+            let file = folder.path().join(name);
+            let mut read_anyway = 0;
+            for _ in 0..cases {
+                let mut bytes = whole.clone();
+                for _ in 0..1 + dice.below(5) {
+                    let at = dice.below(bytes.len());
+                    match dice.below(5) {
+                        0 => bytes[at] = dice.below(256) as u8,
+                        1 => bytes[at] = b"0123456789-. \nfev/"[dice.below(18)],
+                        2 => drop(bytes.drain(at..(at + 9).min(bytes.len()))),
+                        3 => bytes.insert(at, b"-9 /"[dice.below(4)]),
+                        _ => bytes.truncate(at.max(1)),
+                    }
+                    if bytes.is_empty() {
+                        bytes.push(0);
+                    }
+                }
+                std::fs::write(&file, &bytes).unwrap();
+                match read(&file, |vertex| vertex) {
+                    Ok(mesh) => {
+                        let mut corners = mesh.triangles.iter().flatten().flatten();
+                        assert!(corners.all(|x| x.is_finite()), "{name}");
+                        read_anyway += 1;
+                    }
+                    Err(why) => assert!(why.contains(name), "{why}"),
+                }
+            }
+            assert!(read_anyway > 0 && read_anyway < cases, "{name}: {read_anyway}");
         }
     }
 

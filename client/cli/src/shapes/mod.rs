@@ -1,10 +1,9 @@
 //! `foretrace config shapes`: capsules around the meshes of a robot description, as URDF to paste.
 //!
-//! Contract: every triangle of a link's meshes lies in one of its capsules, with the numbers as they are
-//! written. All or
-//! nothing: one mesh that cannot be read refuses the whole, with every reason. A cylinder is what foretrace
-//! reads as a capsule (`arm/bodies.rs`): its ends get half-spheres there, so no spheres are written
-//! beside it.
+//! Contract: every triangle of a link's meshes lies in its capsules, whole or in parts, with the numbers as
+//! they are written. All or nothing: one mesh that cannot be read refuses the whole, with every reason. A
+//! cylinder is what foretrace reads as a capsule (`arm/bodies.rs`): its ends get half-spheres there, so no
+//! spheres are written beside it.
 
 mod capsule;
 mod choices;
@@ -21,7 +20,7 @@ use urdf_rs::{Geometry, Link, Pose};
 use crate::failure::Failure;
 use crate::output::{note, say};
 use capsule::Capsule;
-use cover::{Triangle, cover};
+use cover::cover;
 use mesh::{Mesh, Search};
 
 /// Propose capsules for links that have only meshes, as a URDF fragment to paste
@@ -63,11 +62,16 @@ impl ShapesArgs {
     }
 }
 
-/// The meshes of one link and their capsules.
+/// Triangles of one link, at most: more tell nothing about its shape, and the search would not end.
+const MOST_TRIANGLES: usize = 2_000_000;
+
+/// Capsules of one link, and what they are around.
 struct Proposal {
     link: String,
     files: Vec<String>,
-    meshes: Vec<Mesh>,
+    triangles: usize,
+    /// Of its meshes [m³]; 0 where they enclose nothing.
+    volume: f64,
     capsules: Vec<Capsule>,
 }
 
@@ -135,22 +139,28 @@ fn around(link: &Link, search: &Search, most: usize, outside: f64) -> Result<Opt
     if shown.is_empty() || shown.iter().any(|(_, geometry)| !matches!(geometry, Geometry::Mesh { .. })) {
         return Ok(None);
     }
-    let (mut files, mut meshes, mut refused) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut files, mut triangles, mut volume, mut refused) = (Vec::new(), Vec::new(), 0.0, Vec::new());
     for (pose, geometry) in shown {
         match mesh(pose, geometry, search) {
             Ok((file, mesh)) => {
                 files.push(file);
-                meshes.push(mesh);
+                triangles.extend(mesh.triangles);
+                volume += mesh.volume;
             }
             Err(why) => refused.push(why),
+        }
+        if triangles.len() > MOST_TRIANGLES {
+            refused.push(format!(
+                "its meshes have more than {MOST_TRIANGLES} triangles: simplify them (for example with MeshLab)"
+            ));
+            break;
         }
     }
     if !refused.is_empty() {
         return Err(refused);
     }
-    let triangles: Vec<Triangle> = meshes.iter().flat_map(|mesh| &mesh.triangles).copied().collect();
     let capsules = cover(&triangles, most, outside);
-    Ok(Some(Proposal { link: link.name.clone(), files, meshes, capsules }))
+    Ok(Some(Proposal { link: link.name.clone(), files, triangles: triangles.len(), volume, capsules }))
 }
 
 fn mesh(pose: &Pose, geometry: &Geometry, search: &Search) -> Result<(String, Mesh), String> {
@@ -195,9 +205,8 @@ fn fragment(proposals: &[Proposal], outside_mm: f64) -> String {
 /// How much larger the capsules are.
 fn size(proposal: &Proposal) -> String {
     let litres = 1e3 * cover::volume(&proposal.capsules);
-    let count: usize = proposal.meshes.iter().map(|mesh| mesh.triangles.len()).sum();
-    let mesh: f64 = 1e3 * proposal.meshes.iter().map(|mesh| mesh.volume).sum::<f64>();
-    let all = format!("{count} triangles, each in a capsule; capsules {litres:.3} l");
+    let mesh = 1e3 * proposal.volume;
+    let all = format!("{} triangles; capsules {litres:.3} l", proposal.triangles);
     if (1e-9..=litres).contains(&mesh) {
         format!("{all}, mesh {mesh:.3} l, {:.0} % more", 100.0 * (litres / mesh - 1.0))
     } else {
@@ -297,8 +306,9 @@ mod tests {
         assert!((2..=3).contains(&capsules.len()), "{fragment}");
         let search = Search::new(&urdf, Vec::new());
         let source = foretrace_control::arm::description(&std::fs::read_to_string(&urdf).unwrap()).unwrap();
-        let proposal = around(&source.links[0], &search, 3, 0.0).unwrap().unwrap();
-        for triangle in proposal.meshes.iter().flat_map(|mesh| &mesh.triangles) {
+        let shape = &source.links[0].collision[0];
+        let (_, mesh) = mesh(&shape.origin, &shape.geometry, &search).unwrap();
+        for triangle in &mesh.triangles {
             assert!(cover::held(&capsules, triangle, 1e-9), "{triangle:?}");
         }
     }

@@ -50,7 +50,7 @@ use watch::{Reach, Watch};
 pub use way::{Looked, Obstructed, Way};
 
 /// Largest number of capsules of one arm.
-pub const MAX_CAPSULES: usize = 24;
+pub const MAX_CAPSULES: usize = 40;
 
 /// Fastest retreat to the margin \[m/s\].
 const RETREAT_MPS: f64 = 0.05;
