@@ -13,7 +13,8 @@ section! {
         /// The arm keeps away from itself.
         itself: bool = Flag, Default("true"), AtStart, "true";
         /// Planes (table, walls), each [[point in m], [normal of length 1, away from what is forbidden]]. The
-        /// first link is not tested against a plane that its own axis stands on.
+        /// first link, and a housing around the second joint, are not tested against a plane that the first
+        /// link's own axis stands on.
         planes_m: Option<Vec<[[f64; 3]; 2]>> = Between(-10.0, 10.0), Optional, AtStart,
             "[[[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]] for a table that the base stands on, once the tool has a \
              shape that fits";

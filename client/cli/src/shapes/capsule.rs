@@ -13,6 +13,8 @@ use nalgebra::{Matrix3, Rotation3, SymmetricEigen, Vector3};
 
 /// Directions in which the farthest points are looked for.
 const DIRECTIONS: usize = 800;
+/// The same where a fit is only a beginning.
+const FEW_DIRECTIONS: usize = 150;
 /// Evaluations of one search.
 const EVALUATIONS: usize = 900;
 /// Numbers that are searched: two angles, two offsets, the radius' excess.
@@ -45,8 +47,13 @@ impl Capsule {
         (seen - axis * along).norm()
     }
 
+    /// The same with a radius smaller by `outside` [m], as far as there is one.
+    pub(super) fn smaller(self, outside: f64) -> Self {
+        Self { radius: (self.radius - outside).max(WRITTEN_M), ..self }
+    }
+
     /// The same with numbers as they are written, and a radius that still holds all `points`.
-    fn written(self, points: &[Vector3<f64>]) -> Self {
+    pub(super) fn written(self, points: &[Vector3<f64>]) -> Self {
         let round = |x: f64| (x / WRITTEN_M).round() * WRITTEN_M;
         let rough = Self {
             centre: self.centre.map(round),
@@ -59,6 +66,111 @@ impl Capsule {
     }
 }
 
+/// A capsule by the ends of its axis [m].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Axis {
+    pub(super) from: Vector3<f64>,
+    pub(super) to: Vector3<f64>,
+    pub(super) radius: f64,
+}
+
+impl Axis {
+    pub(super) fn of(capsule: &Capsule) -> Self {
+        let [roll, pitch, yaw] = capsule.rpy;
+        let half = Rotation3::from_euler_angles(roll, pitch, yaw) * Vector3::z() * (0.5 * capsule.length);
+        let centre = Vector3::from(capsule.centre);
+        Self { from: centre - half, to: centre + half, radius: capsule.radius }
+    }
+
+    pub(super) fn capsule(&self) -> Capsule {
+        let along = self.to - self.from;
+        Capsule {
+            centre: ((self.from + self.to) * 0.5).into(),
+            rpy: turned(&along.try_normalize(0.0).unwrap_or_else(Vector3::z)),
+            length: along.norm(),
+            radius: self.radius,
+        }
+    }
+
+    pub(super) fn volume(&self) -> f64 {
+        volume(self.radius, (self.to - self.from).norm())
+    }
+
+    /// The square of how far `point` is from the axis [m²].
+    pub(super) fn squared(&self, point: &Vector3<f64>) -> f64 {
+        let (along, seen) = (self.to - self.from, point - self.from);
+        let share = along.dot(&seen) / along.norm_squared().max(f64::MIN_POSITIVE);
+        (seen - along * share.clamp(0.0, 1.0)).norm_squared()
+    }
+
+    /// How far the capsule reaches along a unit vector [m].
+    pub(super) fn reach(&self, direction: &Vector3<f64>) -> f64 {
+        self.from.dot(direction).max(self.to.dot(direction)) + self.radius
+    }
+
+    /// How far the farthest of `points` is from the axis [m].
+    pub(super) fn farthest(&self, points: &[Vector3<f64>]) -> f64 {
+        points.iter().map(|point| self.squared(point)).fold(0.0, f64::max).sqrt()
+    }
+
+    /// For points inside.
+    pub(super) fn frame(&self) -> Inside {
+        let along = self.to - self.from;
+        let length = along.norm();
+        let turn = frame(&along.try_normalize(0.0).unwrap_or_else(Vector3::z));
+        let tube = length / (length + 4.0 / 3.0 * self.radius).max(f64::MIN_POSITIVE);
+        Inside { centre: (self.from + self.to) * 0.5, turn, length, radius: self.radius, tube }
+    }
+}
+
+/// A place in the unit cube, as what it means in a cylinder and in a ball of radius 1.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Sample {
+    u: f64,
+    root: f64,
+    cube_root: f64,
+    direction: [f64; 2],
+}
+
+impl Sample {
+    pub(super) fn at([u, v, w]: [f64; 3]) -> Self {
+        let (sin, cos) = (std::f64::consts::TAU * w).sin_cos();
+        Self { u, root: v.sqrt(), cube_root: v.cbrt(), direction: [cos, sin] }
+    }
+}
+
+/// Maps the unit cube to a capsule, equal volumes to equal volumes.
+#[derive(Debug)]
+pub(super) struct Inside {
+    centre: Vector3<f64>,
+    turn: Matrix3<f64>,
+    length: f64,
+    radius: f64,
+    /// The cylinder's share of the volume.
+    tube: f64,
+}
+
+impl Inside {
+    pub(super) fn at(&self, sample: &Sample) -> Vector3<f64> {
+        let (z, across) = if sample.u < self.tube {
+            (self.length * (sample.u / self.tube - 0.5), self.radius * sample.root)
+        } else {
+            let cos = 2.0 * (sample.u - self.tube) / (1.0 - self.tube) - 1.0;
+            let far = self.radius * sample.cube_root;
+            (cos * far + 0.5 * self.length.copysign(cos), far * (1.0 - cos * cos).max(0.0).sqrt())
+        };
+        let [cos, sin] = sample.direction;
+        self.centre + self.turn * Vector3::new(across * cos, across * sin, z)
+    }
+}
+
+/// Roll, pitch and yaw that turn z into `axis`. The axis has no direction of its own: z upwards is the
+/// shorter turn.
+fn turned(axis: &Vector3<f64>) -> [f64; 3] {
+    let axis = if axis.z < 0.0 { -axis } else { *axis };
+    [0.0, axis.z.clamp(-1.0, 1.0).acos(), axis.y.atan2(axis.x)]
+}
+
 fn volume(radius: f64, length: f64) -> f64 {
     let round = std::f64::consts::PI * radius * radius;
     round * (length + 4.0 / 3.0 * radius)
@@ -66,40 +178,54 @@ fn volume(radius: f64, length: f64) -> f64 {
 
 /// A capsule that holds all `points`, of nearly the smallest volume; none for no points.
 pub(super) fn around(points: &[Vector3<f64>]) -> Option<Capsule> {
-    let first = points.first()?;
+    let fits = fits(points, DIRECTIONS);
+    let best = fits.into_iter().min_by(|a, b| a.volume().total_cmp(&b.volume()))?;
+    Some(best.written(points))
+}
+
+/// The best capsule along each of the principal axes of `points`, to begin a search from: it holds those that
+/// are farthest in [`FEW_DIRECTIONS`].
+pub(super) fn along_each_axis(points: &[Vector3<f64>]) -> Vec<Axis> {
+    fits(points, FEW_DIRECTIONS).iter().map(Axis::of).collect()
+}
+
+fn fits(points: &[Vector3<f64>], directions: usize) -> Vec<Capsule> {
+    let Some(first) = points.first() else { return Vec::new() };
     let middle = points.iter().fold(Vector3::zeros(), |sum, point| sum + point) / points.len() as f64;
-    let far = farthest(points, &middle);
+    let far = farthest(points, &middle, directions);
     let size = far.iter().map(|point| (point - middle).norm()).fold(0.0, f64::max);
     if !(size > 0.0) {
         let centre = (*first).into();
-        return Some(Capsule { centre, rpy: [0.0; 3], length: 0.0, radius: 0.0 }.written(points));
+        return vec![Capsule { centre, rpy: [0.0; 3], length: 0.0, radius: 0.0 }];
     }
     let spread: Matrix3<f64> = far.iter().map(|point| (point - middle) * (point - middle).transpose()).sum();
     let axes = SymmetricEigen::new(spread).eigenvectors;
     let searched = (0..3).map(|axis| {
         let frame = frame(&axes.column(axis).into());
         let cloud = Cloud { points: &far, middle, frame, size };
-        let (best, cost) = simplex(cloud.begin(), |x| cloud.fit(x).cost);
-        (cloud.fit(&best).capsule(&cloud, &best), cost)
+        let best = simplex(cloud.begin(), |x| cloud.fit(x).cost).0;
+        cloud.fit(&best).capsule(&cloud, &best)
     });
-    let (best, _) = searched.min_by(|a, b| a.1.total_cmp(&b.1))?;
-    Some(best.written(points))
+    searched.collect()
 }
 
-/// Points that are the farthest in some direction, those of a sphere spread evenly (a Fibonacci lattice) and
-/// the axes.
-fn farthest(points: &[Vector3<f64>], middle: &Vector3<f64>) -> Vec<Vector3<f64>> {
-    if points.len() <= DIRECTIONS {
-        return points.to_vec();
-    }
+/// Unit vectors spread evenly over the sphere: a Fibonacci lattice.
+pub(super) fn sphere(count: usize) -> impl Iterator<Item = Vector3<f64>> {
     let golden = std::f64::consts::PI * (3.0 - 5.0_f64.sqrt());
-    let lattice = (0..DIRECTIONS).map(|i| {
-        let z = 1.0 - 2.0 * (i as f64 + 0.5) / DIRECTIONS as f64;
+    (0..count).map(move |i| {
+        let z = 1.0 - 2.0 * (i as f64 + 0.5) / count as f64;
         let (sin, cos) = (golden * i as f64).sin_cos();
         let flat = (1.0 - z * z).sqrt();
         Vector3::new(flat * cos, flat * sin, z)
-    });
-    let mut chosen: Vec<usize> = lattice
+    })
+}
+
+/// Points that are the farthest in some of `directions` directions.
+fn farthest(points: &[Vector3<f64>], middle: &Vector3<f64>, directions: usize) -> Vec<Vector3<f64>> {
+    if points.len() <= directions {
+        return points.to_vec();
+    }
+    let mut chosen: Vec<usize> = sphere(directions)
         .filter_map(|direction| {
             let reach = points.iter().map(|point| direction.dot(&(point - middle)));
             reach.enumerate().max_by(|a, b| a.1.total_cmp(&b.1)).map(|(index, _)| index)
@@ -173,13 +299,9 @@ impl Fit {
         let [low, high] = self.ends;
         let [_, _, off_x, off_y, _] = *x;
         let local = Vector3::new(off_x * cloud.size, off_y * cloud.size, 0.5 * (low + high));
-        let axis = self.frame.column(2);
-        // The axis has no direction of its own: z upwards is the shorter turn.
-        let axis = if axis.z < 0.0 { -axis } else { axis.into_owned() };
-        let rpy = [0.0, axis.z.clamp(-1.0, 1.0).acos(), axis.y.atan2(axis.x)];
         Capsule {
             centre: (cloud.middle + self.frame * local).into(),
-            rpy,
+            rpy: turned(&self.frame.column(2).into_owned()),
             length: high - low,
             radius: self.radius,
         }

@@ -8,6 +8,8 @@ use std::path::{Path, PathBuf};
 
 use nalgebra::Vector3;
 
+use crate::shapes::cover::Triangle;
+
 /// Larger files are refused [bytes].
 const LARGEST: u64 = 256 << 20;
 
@@ -73,12 +75,12 @@ impl Search {
     }
 }
 
-/// The vertices and volume of a mesh.
+/// The triangles of a mesh.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Mesh {
-    pub(super) vertices: Vec<Vector3<f64>>,
-    /// Enclosed by the triangles [m³]; none where they enclose nothing.
-    pub(super) volume: Option<f64>,
+    pub(super) triangles: Vec<Triangle>,
+    /// Enclosed by the triangles [m³]; 0 where they enclose nothing.
+    pub(super) volume: f64,
 }
 
 /// Reads `file`, every vertex moved by `placed`.
@@ -105,31 +107,34 @@ pub(super) fn read(file: &Path, placed: impl Fn(Vector3<f64>) -> Vector3<f64>) -
     let scene = scene.map_err(|error| {
         wrong(&format_args!("it cannot be read as {}: {error}", extension.to_uppercase()))
     })?;
-    let (mut vertices, mut volume) = (Vec::new(), 0.0);
+    let mut triangles: Vec<Triangle> = Vec::new();
     for part in &scene.meshes {
         let moved: Vec<Vector3<f64>> =
             part.vertices.iter().map(|vertex| placed(Vector3::from(vertex.map(f64::from)))).collect();
         for face in &part.faces {
-            let corner = |index: u32| moved.get(index as usize).copied().unwrap_or_default();
-            let [a, b, c] = face.map(corner);
-            volume += a.dot(&b.cross(&c)) / 6.0;
+            let corner = |index: u32| moved.get(index as usize).copied();
+            let [Some(a), Some(b), Some(c)] = face.map(corner) else {
+                return Err(wrong(&"a triangle has a corner that is not among the vertices"));
+            };
+            triangles.push([a, b, c]);
         }
-        vertices.extend(moved);
     }
-    if vertices.is_empty() {
+    if triangles.is_empty() {
         return Err(wrong(&"it holds no triangles"));
     }
-    if !vertices.iter().all(|vertex| vertex.iter().all(|x| x.abs() < 1e3)) {
+    if !triangles.iter().flatten().all(|vertex| vertex.iter().all(|x| x.abs() < 1e3)) {
         return Err(wrong(
             &"a vertex is not finite, or farther than 1000 m away: is the scale of the description right?",
         ));
     }
-    Ok(Mesh { vertices, volume: Some(volume.abs()).filter(|volume| *volume > 1e-12) })
+    let volume: f64 = triangles.iter().map(|[a, b, c]| a.dot(&b.cross(c)) / 6.0).sum();
+    Ok(Mesh { triangles, volume: volume.abs() })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::shapes::cover::Dice;
 
     /// A cube with edges of 2, one corner at the origin, as triangles that look outwards.
     fn cube() -> Vec<[[f32; 3]; 3]> {
@@ -174,9 +179,10 @@ mod tests {
             let file = folder.path().join(name);
             std::fs::write(&file, bytes).unwrap();
             let mesh = read(&file, |vertex| vertex * 0.5).unwrap();
-            let volume = mesh.volume.unwrap();
-            assert!((volume - 1.0).abs() < 1e-6, "{name}: {volume}");
-            assert!(mesh.vertices.iter().all(|v| v.iter().all(|x| (0.0..=1.0).contains(x))), "{name}");
+            assert_eq!(mesh.triangles.len(), 12, "{name}");
+            assert!((mesh.volume - 1.0).abs() < 1e-6, "{name}: {}", mesh.volume);
+            let corners: Vec<_> = mesh.triangles.iter().flatten().collect();
+            assert!(corners.iter().all(|v| v.iter().all(|x| (0.0..=1.0).contains(x))), "{name}");
         }
     }
 
@@ -200,6 +206,44 @@ mod tests {
             std::fs::write(&file, bytes).unwrap();
             let why = read(&file, |vertex| vertex).unwrap_err();
             assert!(why.contains(name) && why.contains(' '), "{why}");
+        }
+    }
+
+    /// Damage is an error or other triangles, never a panic. FORETRACE_FUZZ_CASES=N: N cases of each format.
+    #[test]
+    fn damaged_meshes_are_an_error_or_finite_triangles() {
+        let cases = std::env::var("FORETRACE_FUZZ_CASES").map_or(300, |text| text.parse().expect("a number"));
+        let folder = tempfile::tempdir().unwrap();
+        let mut dice = Dice::new();
+        for (name, whole) in [("a.stl", binary()), ("b.stl", ascii()), ("c.obj", obj())] {
+            let file = folder.path().join(name);
+            let mut read_anyway = 0;
+            for _ in 0..cases {
+                let mut bytes = whole.clone();
+                for _ in 0..1 + dice.below(5) {
+                    let at = dice.below(bytes.len());
+                    match dice.below(5) {
+                        0 => bytes[at] = dice.below(256) as u8,
+                        1 => bytes[at] = b"0123456789-. \nfev/"[dice.below(18)],
+                        2 => drop(bytes.drain(at..(at + 9).min(bytes.len()))),
+                        3 => bytes.insert(at, b"-9 /"[dice.below(4)]),
+                        _ => bytes.truncate(at.max(1)),
+                    }
+                    if bytes.is_empty() {
+                        bytes.push(0);
+                    }
+                }
+                std::fs::write(&file, &bytes).unwrap();
+                match read(&file, |vertex| vertex) {
+                    Ok(mesh) => {
+                        let mut corners = mesh.triangles.iter().flatten().flatten();
+                        assert!(corners.all(|x| x.is_finite()), "{name}");
+                        read_anyway += 1;
+                    }
+                    Err(why) => assert!(why.contains(name), "{why}"),
+                }
+            }
+            assert!(read_anyway > 0 && read_anyway < cases, "{name}: {read_anyway}");
         }
     }
 

@@ -45,12 +45,12 @@ use crate::arm::silence::Silence;
 use crate::qp::offered::Offered;
 use crate::qp::row_qp::RowSet;
 use motion::Moving;
-use pairs::Pair;
+use pairs::{Other, Pair};
 use watch::{Reach, Watch};
 pub use way::{Looked, Obstructed, Way};
 
 /// Largest number of capsules of one arm.
-pub const MAX_CAPSULES: usize = 24;
+pub const MAX_CAPSULES: usize = 40;
 
 /// Fastest retreat to the margin \[m/s\].
 const RETREAT_MPS: f64 = 0.05;
@@ -198,6 +198,18 @@ impl<const J: usize> Clearance<J> {
     /// capsules.
     pub fn links(&self) -> impl Iterator<Item = [usize; 2]> {
         self.pairs.iter().filter_map(|pair| Some([pair.first.link, pair.other_link()?]))
+    }
+
+    /// Pairs of the arm's own capsules that are checked, inner link first, with their distances \[m\]. For
+    /// judges of the shapes.
+    pub fn distances_within<'a>(
+        &'a self,
+        kinematics: &'a Kinematics<J>,
+    ) -> impl Iterator<Item = ([&'a Capsule; 2], f64)> {
+        self.pairs.iter().filter_map(|pair| match &pair.other {
+            Other::Capsule(other) => Some(([&pair.first, other], pair.separations(kinematics, |_| {}))),
+            Other::Plane(_) | Other::Cuboid(_) => None,
+        })
     }
 
     /// The nearest pair; `None` if there is nothing to keep away from. For start-up checks: allocates.

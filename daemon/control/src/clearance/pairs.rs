@@ -7,8 +7,14 @@ use crate::arm::limits::JointLimits;
 use crate::clearance::{Capsule, Obstacle};
 use crate::geometry::{Cuboid, HalfSpace, Segment, Separation, point_plane, segment_box, segment_segment};
 
-/// Postures per joint at which links two joints apart are tested for collision.
+/// Links two joints apart that may come nearer than this count as able to meet \[m\].
+const NEAR_M: f64 = 1e-3;
+/// A capsule whose axis is no farther from its joint's than this share of its radius is turned in place.
+const TURNED_IN_PLACE: f64 = 0.25;
+/// Postures of one joint at which it is looked whether capsules stay neighbours.
 const TRIED: u32 = 48;
+/// Postures at which two capsules are looked at, at most; beyond, they count as able to meet.
+const LOOKS: u32 = 20_000;
 
 /// What is nearest to what.
 #[derive(Debug, Clone, PartialEq)]
@@ -121,10 +127,11 @@ pub(super) fn with_obstacles<const J: usize>(chain: &Chain<J>, obstacles: &[Obst
     pairs
         .filter_map(|(capsule, obstacle, number)| {
             let other = match obstacle {
-                // A first link that turns parallel to the table that the arm stands on: no joint changes that
-                // gap.
+                // A first link that turns parallel to the table that the arm stands on, and a housing around
+                // the second joint: no joint changes that gap.
                 Obstacle::HalfSpace(plane)
-                    if capsule.link == 1 && plane.normal.dot(&first_axis).abs() > 1.0 - 1e-6 =>
+                    if (capsule.link == 1 || (capsule.link == 2 && turned_in_place(capsule)))
+                        && plane.normal.dot(&first_axis).abs() > 1.0 - 1e-6 =>
                 {
                     return None;
                 }
@@ -137,47 +144,102 @@ pub(super) fn with_obstacles<const J: usize>(chain: &Chain<J>, obstacles: &[Obst
 }
 
 /// Pairs of capsules that may collide: those of links at least two joints apart, except where exactly two
-/// joints lie between and none of `TRIED` by `TRIED` postures makes them collide.
+/// joints lie between and no posture brings them within [`NEAR_M`], or they are [`neighbours`].
 pub(super) fn of_itself<const J: usize>(chain: &Chain<J>, limits: &JointLimits<J>) -> Vec<Pair<J>> {
     let capsules = chain.capsules();
     let all = capsules.iter().flat_map(|first| {
         let outer = capsules.iter().filter(move |second| second.link >= first.link + 2);
         outer.map(move |second| (first, second))
     });
-    all.filter(|(first, second)| second.link > first.link + 2 || can_meet(chain, limits, first, second))
-        .map(|(first, second)| {
-            let mut levers = chain.levers(second);
-            let span = levers.get(first.link).copied().unwrap_or_default();
-            // Joints that move both sides alike do not change the distance.
-            levers.iter_mut().take(first.link).for_each(|lever| *lever = 0.0);
+    all.filter_map(|(first, second)| {
+        let mut levers = chain.levers(second);
+        let span = levers.get(first.link).copied().unwrap_or_default();
+        // Joints that move both sides alike do not change the distance.
+        levers.iter_mut().take(first.link).for_each(|lever| *lever = 0.0);
+        let both = [first, second];
+        let kept = second.link > first.link + 2
+            || !neighbours(chain, limits, both) && can_meet(chain, limits, both, &levers);
+        kept.then(|| {
             let turns_at = chain.next_origin(first.link);
             let Segment { from, to } = first.segment;
             let span = span + (from - turns_at).norm().max((to - turns_at).norm());
             Pair { first: first.clone(), other: Other::Capsule(second.clone()), levers, span, number: 0 }
         })
-        .collect()
+    })
+    .collect()
 }
 
+/// Whether a capsule that its own joint turns in place, as a housing around that joint's axis, stays within
+/// its own width of a capsule two joints further in, however the other joint turns. Only that joint moves the
+/// one past the other, so the two are like links with one joint between: its limits keep them apart.
+fn neighbours<const J: usize>(
+    chain: &Chain<J>,
+    limits: &JointLimits<J>,
+    [first, second]: [&Capsule; 2],
+) -> bool {
+    if !turned_in_place(second) {
+        return false;
+    }
+    let [low, turn] = range(limits, first.link);
+    let mut q = [0.0; J];
+    (0..TRIED).all(|k| {
+        let at = low + turn * f64::from(k) / f64::from(TRIED);
+        q.iter_mut().skip(first.link).take(1).for_each(|q| *q = at);
+        let placed = chain.forward(&q);
+        let found = segment_segment(&placed.axis(first), &placed.axis(second));
+        found.distance - first.radius - second.radius < 2.0 * second.radius
+    })
+}
+
+/// Whether a capsule's own joint turns it in place, nearly.
+fn turned_in_place(capsule: &Capsule) -> bool {
+    let Segment { from, to } = capsule.segment;
+    from.xy().norm().max(to.xy().norm()) <= TURNED_IN_PLACE * capsule.radius
+}
+
+/// Lower end of a joint's range, and how far it turns from there, a whole turn at most \[rad\].
+fn range<const J: usize>(limits: &JointLimits<J>, joint: usize) -> [f64; 2] {
+    let [low, high] = limits.position().get(joint).copied().unwrap_or([-PI, PI]);
+    [if low.is_finite() { low } else { -PI }, (high - low).min(2.0 * PI)]
+}
+
+/// Whether two capsules with two joints between them come within [`NEAR_M`] in some posture. Ranges of the
+/// two joints are halved until the distance in the middle of each shows, by the levers, that it keeps apart
+/// everywhere in it.
 fn can_meet<const J: usize>(
     chain: &Chain<J>,
     limits: &JointLimits<J>,
-    first: &Capsule,
-    second: &Capsule,
+    [first, second]: [&Capsule; 2],
+    levers: &[f64; J],
 ) -> bool {
-    let range = |joint: usize| {
-        let [low, high] = limits.position().get(joint).copied().unwrap_or([-PI, PI]);
-        let turn = (high - low).min(2.0 * PI);
-        let low = if low.is_finite() { low } else { -PI };
-        (0..=TRIED).map(move |k| low + turn * f64::from(k) / f64::from(TRIED))
-    };
+    let joints = [first.link, first.link + 1];
+    let lever = joints.map(|joint| levers.get(joint).copied().unwrap_or_default());
+    // Middle and half of each joint's range.
+    let whole = joints.map(|joint| {
+        let [low, turn] = range(limits, joint);
+        [low + 0.5 * turn, 0.5 * turn]
+    });
+    let mut open = vec![whole];
     let mut q = [0.0; J];
-    range(first.link).any(|inner| {
-        range(first.link + 1).any(|outer| {
-            let both = q.iter_mut().skip(first.link).zip([inner, outer]);
-            both.for_each(|(q, value)| *q = value);
-            let placed = chain.forward(&q);
-            let found = segment_segment(&placed.axis(first), &placed.axis(second));
-            found.distance <= first.radius + second.radius
-        })
-    })
+    for _ in 0..LOOKS {
+        let Some([inner, outer]) = open.pop() else { return false };
+        q.iter_mut().skip(first.link).zip([inner, outer]).for_each(|(q, [middle, _])| *q = middle);
+        let placed = chain.forward(&q);
+        let found = segment_segment(&placed.axis(first), &placed.axis(second));
+        let apart = found.distance - first.radius - second.radius;
+        if !(apart > NEAR_M) {
+            return true;
+        }
+        let [inner_m, outer_m] = [lever[0] * inner[1], lever[1] * outer[1]];
+        if apart - NEAR_M > inner_m + outer_m {
+            continue;
+        }
+        let halves = |[middle, half]: [f64; 2]| [-0.5, 0.5].map(|side| [middle + side * half, 0.5 * half]);
+        if inner_m > outer_m {
+            open.extend(halves(inner).map(|inner| [inner, outer]));
+        } else {
+            open.extend(halves(outer).map(|outer| [inner, outer]));
+        }
+    }
+    true
 }

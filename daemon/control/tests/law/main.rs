@@ -7,6 +7,7 @@ mod bands;
 mod clearance_distance;
 mod clearance_follower;
 mod clearance_motion;
+mod clearance_pairs;
 mod clearance_rows;
 mod clearance_stops;
 mod clearance_way;

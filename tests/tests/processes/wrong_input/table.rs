@@ -144,6 +144,9 @@ pub(super) const CASES: &[Case] = &[
     ("config shapes @/empty.urdf --out @/out.xml", 5, &["no links"]),
     ("config shapes @/mesh.urdf --out @/out.xml", 5, &["--package none=DIR", "upper\\u202E"]),
     ("config shapes @/mesh.urdf --package none", 2, &["NAME=DIR"]),
+    ("config shapes @/mesh.urdf --capsules 0", 2, &["a number from 1 to 40"]),
+    ("config shapes @/mesh.urdf --capsules elbow=2", 5, &["elbow", "no link of that name"]),
+    ("config shapes @/mesh.urdf --outside-mm 9", 2, &["from 0 to 5, in millimetres"]),
     ("config shapes @/mesh.urdf --package none=@", 5, &["there is no file"]),
     // Pens.
     ("play", 2, &["SOURCE"]),
