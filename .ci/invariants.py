@@ -17,7 +17,7 @@ ROOMS = {
     "shm-schema/src": ["os", "wire", "instance", "transport"],
     "daemon/control/src": [
         "state", "units", "plane", "geometry", "stop", "pen", "predict", "learn", "skill", "trust", "reference", "arm", "qp", "mpc",
-        "envelope", "clearance", "ik", "guard", "monitor", "follower", "ghost", "extent",
+        "envelope", "clearance", "ik", "guard", "monitor", "contact", "follower", "ghost", "extent",
     ],
     "daemon/src": [
         "alloc_count", "wire", "ports", "rt", "learner", "ipc", "limits", "memory", "options", "error", "law_rehearsal", "stop_socket",

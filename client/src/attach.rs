@@ -1,6 +1,8 @@
 //! `Foretrace`: the attachment of this process to an instance, and its renewal when the daemon restarts.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::mpsc::{self, RecvTimeoutError};
 use std::time::{Duration, Instant};
 
 use foretrace_shm::{DaemonMark, Instance, ServiceError, Services, Session};
@@ -32,7 +34,7 @@ impl Drop for Leaving {
         if instance.daemon().is_some() {
             return;
         }
-        let (done, tidied) = std::sync::mpsc::channel();
+        let (done, tidied) = mpsc::channel();
         let tidying = move || {
             // The receiver may be gone.
             let _ = done.send(instance.tidy_up());
@@ -54,6 +56,30 @@ pub enum Attachment {
     Renewed,
 }
 
+/// Attaching takes milliseconds; one that takes longer has hit damaged files.
+const ATTACHING: Duration = Duration::from_secs(5);
+/// A segment is empty for some microseconds after it was made; one that is for longer stays so.
+const GROWING: Duration = Duration::from_secs(1);
+/// Threads that attach at this moment; those that hang stay among them until their files are removed.
+static HANGING: AtomicUsize = AtomicUsize::new(0);
+/// No more are started beside so many.
+const MOST_HANGING: usize = 16;
+
+/// Waits until no segment of the instance is empty.
+fn grown(instance: &Instance) -> Result<(), ServiceError> {
+    let deadline = Instant::now() + GROWING;
+    loop {
+        let files = instance.empty_segments()?;
+        if files.is_empty() {
+            return Ok(());
+        }
+        if Instant::now() >= deadline {
+            return Err(ServiceError::Empty { files });
+        }
+        std::thread::sleep(POLL);
+    }
+}
+
 impl Foretrace {
     /// Attach to instance `number` of this user, whose daemon must be up.
     ///
@@ -68,7 +94,7 @@ impl Foretrace {
     ///
     /// # Errors
     ///
-    /// As [`Foretrace::attach`]; only `NoDaemon` is waited for.
+    /// As [`Foretrace::attach`]; only `NoDaemon` is waited for. Damaged files are told within seconds.
     pub fn attach_within(instance: &Instance, wait: Duration) -> Result<Self, ServiceError> {
         let deadline = Instant::now() + wait;
         loop {
@@ -116,7 +142,39 @@ impl Foretrace {
         Ok(Attachment::Renewed)
     }
 
+    /// Attaches in a thread that is abandoned after [`ATTACHING`].
     fn try_attach(instance: &Instance) -> Result<Self, ServiceError> {
+        let hangs = |waited| ServiceError::Hangs { waited, root: instance.root().to_path_buf() };
+        Session::daemon_of(instance)?;
+        if HANGING.load(Ordering::Relaxed) >= MOST_HANGING {
+            return Err(hangs(Duration::ZERO));
+        }
+        let (done, attached) = mpsc::channel();
+        let there = instance.clone();
+        let attaching = move || {
+            HANGING.fetch_add(1, Ordering::Relaxed);
+            let result = grown(&there).and_then(|()| Self::attach_here(&there));
+            HANGING.fetch_sub(1, Ordering::Relaxed);
+            // The receiver may be gone; then this leaves again.
+            let _ = done.send(result);
+        };
+        std::thread::Builder::new().name("foretrace-attach".to_owned()).spawn(attaching).map_err(
+            |error| ServiceError::Middleware {
+                service: "foretrace",
+                detail: format!("starting a thread: {error}"),
+            },
+        )?;
+        match attached.recv_timeout(ATTACHING) {
+            Ok(result) => result,
+            Err(RecvTimeoutError::Timeout) => Err(hangs(ATTACHING)),
+            Err(RecvTimeoutError::Disconnected) => Err(ServiceError::Middleware {
+                service: "foretrace",
+                detail: "attaching ended by a fault".to_owned(),
+            }),
+        }
+    }
+
+    fn attach_here(instance: &Instance) -> Result<Self, ServiceError> {
         let session = Session::open(instance, "foretrace-client")?;
         let services = Services::open(&session)?;
         let daemon = instance.daemon().ok_or_else(|| ServiceError::no_daemon(instance))?;

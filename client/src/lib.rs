@@ -2,8 +2,8 @@
 //!
 //! Contract: attaching succeeds only where a daemon of the same message layout is up; every error says what
 //! to do. Handles are made by [`Foretrace`] and stay in the thread that made them (the middleware's ports are
-//! not `Send`); [`Foretrace`] itself may be shared, so each thread makes its own. No threads, no logging, no
-//! settings file.
+//! not `Send`); [`Foretrace`] itself may be shared, so each thread makes its own. No threads but for calls
+//! that damaged shared memory could make hang, no logging, no settings file.
 //!
 //! ```no_run
 //! use foretrace_client::{Foretrace, PenReading, monotonic_now_ns};
@@ -48,10 +48,10 @@ foretrace_shm::debug_is_sentence!(
 
 pub use foretrace_shm::{
     ArmLag, ArmLine, AskError, Chain, Claimant, ControlOp, ControlResponse, ControlStatus, Counters,
-    DaemonMark, Enable, FaultReason, GhostState, HeaderBounds, Holder, HolderKind, Instance, InstanceError,
-    JOINTS, JointCommand, JointState, LATENCY_BINS, Latency, Mode, PenSample, Percentiles, Place, PlaceError,
-    PredictorName, PublishError, Refused, RejectField, RejectReason, Rejection, Rejections, RobotMode, Rung,
-    SafetyMode, ServiceError, SolverPath, Stage, Status, StopCause, StopDetail, TickRecord, ToolExtent,
-    Tracking, TrustReason, Validate, WayHome, arm_flags, command_flags, guard_mask, health, host_boot_id,
-    missing_rights, monotonic_now_ns, pen_flags,
+    DaemonMark, EffortUnit, Enable, FaultReason, GhostState, HeaderBounds, Holder, HolderKind, Instance,
+    InstanceError, JOINTS, JointCommand, JointState, LATENCY_BINS, Latency, Mode, ORDER_AHEAD_NS, PenSample,
+    Percentiles, Place, PlaceError, PredictorName, PublishError, Refused, RejectField, RejectReason,
+    Rejection, Rejections, RobotMode, Rung, SafetyMode, ServiceError, SolverPath, Stage, Status, StopCause,
+    StopDetail, TickRecord, ToolExtent, Tracking, TrustReason, Validate, WayHome, arm_flags, command_flags,
+    guard_mask, health, host_boot_id, missing_rights, monotonic_now_ns, pen_flags,
 };

@@ -1,9 +1,10 @@
-//! A connection with a bound on what comes per second.
+//! A connection with a bound on what comes per second, and whom to count as one machine.
 //!
 //! For servers that speak with strangers. A WebSocket message in pieces without end, each of them empty, is
 //! never a message: a bound on messages does not see it, one on bytes does.
 
 use std::io::{self, ErrorKind, Read, Write};
+use std::net::{IpAddr, Ipv6Addr};
 use std::time::{Duration, Instant};
 
 /// A connection whose reads fail with `QuotaExceeded` where more comes than may.
@@ -51,6 +52,18 @@ impl<S: Write> Write for Metered<S> {
 
     fn flush(&mut self) -> io::Result<()> {
         self.inner.flush()
+    }
+}
+
+/// The address that stands for the whole machine of a peer, for bounds per machine: with IPv6 it may have as
+/// many as it likes below one prefix of 64 bits (RFC 4291, section 2.5.4).
+#[must_use]
+pub fn machine(peer: IpAddr) -> IpAddr {
+    match peer.to_canonical() {
+        IpAddr::V6(address) if !address.is_loopback() => {
+            IpAddr::V6(Ipv6Addr::from_bits(address.to_bits() & !u128::from(u64::MAX)))
+        }
+        address => address,
     }
 }
 

@@ -112,7 +112,8 @@ impl Foretrace {
 /// fail as [`RequestError`] tells.
 impl Requests {
     /// Dates what is asked from here on with the moment when a person decided it \[ns, monotonic clock\]: the
-    /// daemon refuses to arm if a stop came since then.
+    /// daemon refuses to arm if a stop came since then. Of everything but `stop`, `disarm` and `query` a
+    /// moment more than [`foretrace_shm::ORDER_AHEAD_NS`] ahead is refused.
     #[must_use]
     pub const fn decided_at(mut self, decided_ns: u64) -> Self {
         self.decided_ns = decided_ns;
@@ -191,6 +192,7 @@ impl Requests {
         let sent_ns = self.decided_ns;
         let request = ControlRequest { predictor, value, sent_ns, ..ControlRequest::new(0, 0, op) };
         request.validate()?;
+        request.check_date(monotonic_now_ns())?;
         let response = bounded(&self.topic, request, timeout)?;
         if response.is_success() {
             return Ok(response);

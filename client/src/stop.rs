@@ -11,16 +11,25 @@ use foretrace_shm::{Instance, InstanceError, Mode, STOP_ANSWER_BYTES, SignalErro
 
 /// The daemon notes a stop within microseconds; without an answer for this long, the next way is tried.
 const PATIENCE: Duration = Duration::from_millis(100);
-/// Pause before a full queue is tried again.
+/// Pause before a full queue is tried again, and between two looks at a signal.
 const AGAIN: Duration = Duration::from_millis(2);
 
 /// A stop that a tick of the loop has taken.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Stopped {
-    /// The mode after that tick: `Stopped` or `Fault` where the arm was in charge, else `Idle`.
-    pub mode: Mode,
-    /// Trust in that tick.
-    pub trust: f64,
+    /// The mode after that tick: `Stopped` or `Fault` where the arm was in charge, else `Idle`. None: it was
+    /// taken as a signal, and nothing of the daemon but its loop runs that could tell the mode.
+    pub mode: Option<Mode>,
+    /// Trust in that tick; none as above.
+    pub trust: Option<f64>,
+}
+
+impl Stopped {
+    /// The mode for people.
+    #[must_use]
+    pub fn words(&self) -> &'static str {
+        self.mode.map_or("not told: taken as a signal", Mode::label)
+    }
 }
 
 /// Why it is not known that the arm stops. Use the arm's own stop then.
@@ -47,11 +56,11 @@ pub enum StopError {
         /// How long it was waited for.
         waited: Duration,
     },
-    /// A signal was sent and nothing came back.
+    /// A signal was sent, and no tick has been seen that took it.
     #[error(
-        "process {pid} was sent SIGUSR1, which stops the arm in the next tick, but nothing at its stop \
-         socket confirms it \
-         within {} ms", waited.as_millis()
+        "process {pid} was sent SIGUSR1, which stops the arm in the next tick of its loop, but no such tick \
+         was seen within {} ms: if the loop does not run, the arm brakes by itself when commands stay away",
+        waited.as_millis()
     )]
     Unconfirmed {
         /// The daemon.
@@ -73,8 +82,9 @@ pub enum StopError {
 /// whatever state the daemon, its shared memory and this machine's memory are in.
 ///
 /// First the datagram socket beside the daemon's lock file; if that gives no answer, SIGUSR1 to the process
-/// that holds the lock. The daemon may receive a stop twice, which counts as one. A request to arm that was
-/// sent before the stop came is refused.
+/// that holds the lock; its loop takes that, and the kernel's account of its thread tells that it has. The
+/// daemon may receive a stop twice, which counts as one. A request to arm that was sent before the stop came
+/// is refused.
 ///
 /// # Errors
 ///
@@ -117,19 +127,27 @@ pub fn stop(instance: &Instance, timeout: Duration) -> Result<Stopped, StopError
         return Err(StopError::LoopSilent { waited: begin.elapsed() });
     }
     match instance.signal_stop() {
-        Ok(mark) => {
-            let heard = asking.with_file().and_then(|socket| {
-                let heard = asking.ask(&socket, deadline)?;
-                Ok(if let Heard::Noted(socket) = heard {
-                    asking.wait(&socket, deadline)
-                } else {
-                    heard.taken()
-                })
+        Ok(mut signalled) => {
+            // A thread at the socket that is only slow can tell more.
+            let socket = asking.with_file().and_then(|socket| {
+                asking.send(&socket, deadline.min(Instant::now() + PATIENCE)).map(|()| socket)
             });
-            match heard {
-                Ok(Some(stopped)) => Ok(stopped),
-                _ => Err(StopError::Unconfirmed { pid: mark.pid, waited: begin.elapsed() }),
+            while Instant::now() < deadline {
+                let taken = signalled.is_taken();
+                let until = deadline.min(Instant::now() + if taken { PATIENCE } else { AGAIN });
+                match &socket {
+                    Ok(socket) => {
+                        if let Some(stopped) = asking.wait(socket, until) {
+                            return Ok(stopped);
+                        }
+                    }
+                    Err(_) => std::thread::sleep(AGAIN),
+                }
+                if taken {
+                    return Ok(Stopped { mode: None, trust: None });
+                }
             }
+            Err(StopError::Unconfirmed { pid: signalled.pid(), waited: begin.elapsed() })
         }
         Err(SignalError::NoDaemon) => Err(no_daemon(instance)),
         Err(signal) => Err(StopError::Unreachable { socket: refused, signal }),
@@ -140,19 +158,14 @@ fn no_daemon(instance: &Instance) -> StopError {
     StopError::NoDaemon { number: instance.number(), root: instance.root().to_path_buf() }
 }
 
+const fn told(mode: Mode, trust: f64) -> Stopped {
+    Stopped { mode: Some(mode), trust: Some(trust) }
+}
+
 enum Heard {
     Taken(Stopped),
     Noted(UnixDatagram),
     Nothing,
-}
-
-impl Heard {
-    fn taken(self) -> Option<Stopped> {
-        match self {
-            Self::Taken(stopped) => Some(stopped),
-            _ => None,
-        }
-    }
 }
 
 /// One stop, however often it is sent.
@@ -189,6 +202,15 @@ impl<'a> Asking<'a> {
 
     /// Sends the frame and waits for the first answer.
     fn ask(&self, socket: &UnixDatagram, until: Instant) -> std::io::Result<Heard> {
+        self.send(socket, until)?;
+        Ok(match self.next(socket, until) {
+            Some(StopAnswer { taken: Some(mode), trust, .. }) => Heard::Taken(told(mode, trust)),
+            Some(_) => Heard::Noted(socket.try_clone()?),
+            None => Heard::Nothing,
+        })
+    }
+
+    fn send(&self, socket: &UnixDatagram, until: Instant) -> std::io::Result<()> {
         // A full queue at the other end must not block this program.
         socket.set_nonblocking(true)?;
         let path = self.instance.stop_socket();
@@ -198,12 +220,7 @@ impl<'a> Asking<'a> {
             }
             std::thread::sleep(AGAIN);
         }
-        socket.set_nonblocking(false)?;
-        Ok(match self.next(socket, until) {
-            Some(StopAnswer { taken: Some(mode), trust, .. }) => Heard::Taken(Stopped { mode, trust }),
-            Some(_) => Heard::Noted(socket.try_clone()?),
-            None => Heard::Nothing,
-        })
+        socket.set_nonblocking(false)
     }
 
     /// Waits for the tick that takes it.
@@ -211,7 +228,7 @@ impl<'a> Asking<'a> {
         loop {
             let StopAnswer { taken, trust, .. } = self.next(socket, deadline)?;
             if let Some(mode) = taken {
-                return Some(Stopped { mode, trust });
+                return Some(told(mode, trust));
             }
         }
     }

@@ -4,11 +4,13 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use foretrace_control::arm::DynamicsError;
 use foretrace_control::predict::Models;
 use foretrace_control::predict::refine::RefinePrior;
 use toml::de::DeValue;
 
 use crate::check::check;
+use crate::headroom::{Headroom, headroom};
 use crate::layers::{self, Found};
 use crate::models::{SHIPPED_PRIOR, shipped};
 use crate::plain::plain;
@@ -98,6 +100,21 @@ impl Config {
     #[must_use]
     pub fn remarks(&self) -> Vec<String> {
         remarks::remarks(self)
+    }
+
+    /// Smaller things to know about legal settings, which the shipped ones have as well; one line each.
+    #[must_use]
+    pub fn notes(&self) -> Vec<String> {
+        remarks::notes(self)
+    }
+
+    /// What the effort of the arm's joints leaves for acceleration over the writing plane.
+    ///
+    /// # Errors
+    ///
+    /// The URDF has no usable masses.
+    pub fn headroom(&self) -> Result<Headroom, DynamicsError> {
+        headroom(&self.settings, &self.robot)
     }
 
     /// What was loaded: the path of the file, or `preset ur5`.

@@ -5,6 +5,7 @@
 //! checked.
 
 use foretrace_control::arm::lag::Following;
+use foretrace_control::contact::ContactSettings;
 use foretrace_control::envelope::EnvelopeSettings;
 use foretrace_control::follower::{Follower, FollowerError, FollowerSettings, SafetySettings};
 use foretrace_control::ik::{IkBackend, IkSettings};
@@ -23,6 +24,7 @@ use foretrace_control::units::Trust;
 use nalgebra::Vector3;
 
 use crate::config::Config;
+use crate::headroom::payload;
 use crate::robot::{JOINTS, Robot};
 use crate::settings::{self, QpBackend, Settings, SlowArmChoice, TrustMode};
 
@@ -141,6 +143,7 @@ fn follower_settings(
     prior: &RefinePrior,
 ) -> FollowerSettings<JOINTS> {
     FollowerSettings {
+        payload: payload(&s.robot.payload, s.robot.ur.payload_kg, &s.robot.tool_m),
         period_ns: s.period_ns(),
         pen: pen(s),
         preview: PreviewSettings {
@@ -196,6 +199,12 @@ fn follower_settings(
             previous_plan_max_ns: ns(s.safety.previous_plan_max_ms),
             approach_distance: s.safety.approach_distance_m,
             tracking: tracking(&s.safety.tracking),
+            contact: ContactSettings {
+                judged: s.safety.contact.stop,
+                torque_share: s.safety.contact.torque_share,
+                hold_ns: ns(s.safety.contact.hold_ms),
+                learn_ns: ns(1e3 * s.safety.contact.learn_s),
+            },
             envelope: EnvelopeSettings {
                 margin_m: s.safety.envelope.margin_m,
                 max_tilt_rad: s.safety.envelope.max_tilt_rad,

@@ -22,6 +22,7 @@ mod layers;
 mod check;
 mod clearance;
 mod robot;
+mod headroom;
 mod predictor;
 mod follower;
 mod config;
@@ -31,6 +32,7 @@ mod render;
 
 pub use check::LONGEST_ROOT_BYTES;
 pub use config::{Config, Draft};
+pub use headroom::{Exceeded, FRICTION_SHARE, Headroom, JointHeadroom, ROTOR_KGM2};
 pub use live::{KeyChange, LiveChange, StartOnlyKey};
 pub use plain::{plain, plain_lines, plain_log};
 pub use problem::{ConfigError, Problem};

@@ -23,7 +23,26 @@ pub(crate) fn remarks(config: &Config) -> Vec<String> {
     remarks.extend(home(&law, &config.robot().home));
     remarks.extend(shapeless(config.settings(), &config.robot().chain));
     remarks.extend(lowered(config.settings(), &law));
+    remarks.extend(torque(config, true));
     remarks
+}
+
+pub(crate) fn notes(config: &Config) -> Vec<String> {
+    torque(config, false)
+}
+
+/// Reports limits of the joints that their effort does not leave at some poses of the plane. A description
+/// without masses, which the law does not need, is noted.
+fn torque(config: &Config, serious: bool) -> Vec<String> {
+    match config.headroom() {
+        Ok(room) => {
+            room.exceeded().into_iter().filter(|told| told.serious == serious).map(|told| told.text).collect()
+        }
+        Err(_) if serious => Vec::new(),
+        Err(error) => {
+            vec![format!("whether the joints have the torque for these limits is not known: {error}")]
+        }
+    }
 }
 
 /// Reports the cost of a slow loop.

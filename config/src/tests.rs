@@ -8,6 +8,7 @@ use crate::{Config, ConfigError, Draft, Place, Problem, key_table, presets};
 
 mod wrong;
 mod arm;
+mod headroom;
 mod law;
 mod hostile;
 

@@ -12,6 +12,8 @@ use crossbeam::channel::{Receiver, Sender, TrySendError, bounded};
 use foretrace_config::plain_log;
 use tracing_subscriber::fmt::MakeWriter;
 
+use crate::rt::os::leave_stops_to_the_loop;
+
 /// Messages that may wait: some seconds of frequent messages.
 const WAITING: usize = 1024;
 /// Time for which an ending program waits for its last messages to be written.
@@ -45,10 +47,10 @@ impl Messages {
         let (sender, items) = bounded(WAITING);
         let messages = Self { items: sender, lost: Arc::default() };
         let lost = messages.lost.clone();
-        std::thread::Builder::new()
-            .name("foretrace-log".into())
-            .stack_size(128 * 1024)
-            .spawn(move || write_all(&items, &lost, out))?;
+        std::thread::Builder::new().name("foretrace-log".into()).stack_size(128 * 1024).spawn(move || {
+            leave_stops_to_the_loop();
+            write_all(&items, &lost, out);
+        })?;
         Ok((messages.clone(), LogGuard(messages)))
     }
 }

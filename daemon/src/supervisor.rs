@@ -33,6 +33,7 @@ use crate::learner::LearnerOrder;
 use crate::limits;
 use crate::memory;
 use crate::options::{Options, StopHandle};
+use crate::rt::os;
 use crate::rt::stops::StopFlag;
 use crate::rt::thread::RtOrders;
 use crate::stop_socket::StopSocket;
@@ -64,6 +65,10 @@ pub struct ExitReport {
 /// It could not start, or a thread ended by a fault; the text says what to do.
 pub fn run(options: &Options) -> Result<ExitReport, DaemonError> {
     let mut manager = Manager::of_environment();
+    if options.signals {
+        // Before any other thread is started.
+        os::leave_stops_to_the_loop();
+    }
     let config = options.source.load()?;
     limits::check()?;
     let instance = instance(&config)?;
@@ -146,6 +151,9 @@ impl Daemon {
         info!("ready: {words}");
         for remark in self.config.remarks() {
             warn!("{remark}");
+        }
+        for note in self.config.notes() {
+            info!("{note}");
         }
         words
     }

@@ -62,6 +62,34 @@ fn operators_steer_trust_and_predictor_and_a_stop_stays_until_armed_again() {
 }
 
 #[test]
+fn an_order_dated_ahead_is_refused_and_counted_and_a_stop_is_obeyed() {
+    let _turn = turn();
+    let place = Place::new();
+    let daemon = Running::start(&place, place.source());
+    let mut operator = Operator::attach(&place);
+    let (_arm, _log) = arm(&place);
+    operator.status_when("joint states arrive", |status| status.joint_state_age_ns != u64::MAX);
+    for op in [ControlOp::Arm, ControlOp::MoveHome, ControlOp::FreezeTrust, ControlOp::Reload] {
+        let answer = operator.ask_dated(op, monotonic_now_ns() + 5_000_000_000);
+        assert_eq!(answer.outcome(), ControlStatus::Invalid, "{op}: {answer}");
+        assert!(answer.text().contains("s in the future, allowed 0.100 s"), "{op}: {answer}");
+    }
+    operator.status_when("they are counted", |status| status.counters.requests_refused == 4);
+    assert_eq!(operator.newest.mode, u32::from(Mode::Idle));
+    // A clock that is a little ahead is no reason; the order counts from its arrival.
+    let armed = operator.ask_dated(ControlOp::Arm, monotonic_now_ns() + 50_000_000);
+    assert_eq!(armed.outcome(), ControlStatus::Ok, "{armed}");
+    let stopped = operator.ask_dated(ControlOp::Stop, u64::MAX);
+    assert!(stopped.is_success(), "{stopped}");
+    operator.status_when("it stops", |status| status.mode == u32::from(Mode::Stopped));
+    // Dated ahead of that stop, an order to arm does not outrank it.
+    assert!(!operator.ask_dated(ControlOp::Arm, monotonic_now_ns() + 5_000_000_000).is_success());
+    assert!(operator.ask_dated(ControlOp::Disarm, u64::MAX).is_success());
+    operator.status_when("it lets go", |status| status.mode == u32::from(Mode::Idle));
+    daemon.end().unwrap();
+}
+
+#[test]
 fn at_trust_0_the_ghost_is_the_loop_and_with_trust_it_shows_what_is_saved() {
     let _turn = turn();
     let place = Place::new();

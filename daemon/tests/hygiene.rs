@@ -6,6 +6,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
+use foretrace_control::contact::{EffortReading, EffortUnit};
 use foretrace_control::follower::{Budget, Follower, JointReading, NoClock, Request, Rung, StepInput};
 use foretrace_control::pen::PenReading;
 use foretrace_control::predict::PredictorKind;
@@ -51,7 +52,9 @@ fn no_tick_of_the_way_home_allocates() {
     for tick in 0..5000 {
         let joints = JointReading { stamp: now, q, qd: [0.0; 6], motion_allowed: true };
         let request = (tick == 0).then_some(Request::MoveHome);
-        let input = StepInput { joints: Some(&joints), request, ..StepInput::nothing(now) };
+        let effort = EffortReading { stamp: now, effort: [3.0; 6], unit: EffortUnit::NewtonMetres };
+        let input =
+            StepInput { joints: Some(&joints), effort: Some(&effort), request, ..StepInput::nothing(now) };
         let output = follower.step(&input, Budget::default(), &mut NoClock);
         moved |= output.home.is_some_and(|home| home.share > 0.9);
         let Some(command) = output.command else { break };

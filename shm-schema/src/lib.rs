@@ -25,7 +25,7 @@ pub use wire::{
     arm_line::ArmLine,
     check::{Rejection, Rejections, Validate},
     clock::{host_boot_id, monotonic_now_ns},
-    control::{ControlRequest, ControlResponse, MESSAGE_BYTES},
+    control::{ControlRequest, ControlResponse, MESSAGE_BYTES, ORDER_AHEAD_NS},
     counters::Counters,
     flags::{arm_flags, command_flags, guard_mask, health, input_flags, missing_rights, pen_flags},
     header::{Header, HeaderBounds, HeaderCheck},
@@ -44,8 +44,8 @@ pub use wire::{
     tick_input::{PEN_PER_PART, PenInput, TickInput},
     tick_record::{Chain, PATH_POINTS, TickRecord},
     vocabulary::{
-        ControlOp, ControlStatus, FaultReason, Mode, REJECT_REASONS, RejectReason, Rung, STAGES, SolverPath,
-        Stage, TrustReason, UnknownValue,
+        ControlOp, ControlStatus, EffortUnit, FaultReason, Mode, REJECT_REASONS, RejectReason, Rung, STAGES,
+        SolverPath, Stage, TrustReason, UnknownValue,
     },
 };
 
@@ -56,7 +56,10 @@ pub use instance::{
     occupancy::{DaemonMark, InstanceLock, Purge, SharedMemory},
     place::{Claim, PlaceError},
     root::{Instance, InstanceError, LONGEST_ROOT_BYTES},
-    stop_path::{STOP_ANSWER_BYTES, STOP_FRAME_BYTES, SignalError, StopAnswer, StopFrame, StopFrameError},
+    stop_path::{
+        LOOP, STOP_ANSWER_BYTES, STOP_FRAME_BYTES, SignalError, SignalledStop, StopAnswer, StopFrame,
+        StopFrameError,
+    },
 };
 
 pub use transport::{

@@ -14,11 +14,20 @@ impl Frozen {
     /// There is no such thread.
     #[must_use]
     pub fn thread_of(pid: u32, name: &str) -> Option<Self> {
-        let threads = std::fs::read_dir(format!("/proc/{pid}/task")).expect("a living process").flatten();
-        let thread = threads
-            .map(|entry| entry.path())
-            .find(|path| std::fs::read_to_string(path.join("comm")).is_ok_and(|comm| comm.trim() == name));
-        let id: libc::pid_t = thread.expect(name).file_name()?.to_str()?.parse().ok()?;
+        let thread = threads(pid).into_iter().find(|(_, comm)| comm == name);
+        Self::hold(thread.expect(name).0)
+    }
+
+    /// Stops every thread of process `pid` but the one called `name`; `None` where tracing is forbidden.
+    ///
+    /// # Panics
+    /// There is no such process.
+    #[must_use]
+    pub fn all_but(pid: u32, name: &str) -> Option<Vec<Self>> {
+        threads(pid).into_iter().filter(|(_, comm)| comm != name).map(|(id, _)| Self::hold(id)).collect()
+    }
+
+    fn hold(id: libc::pid_t) -> Option<Self> {
         let none = std::ptr::null_mut::<libc::c_void>();
         // SAFETY: PTRACE_SEIZE reads and writes no memory of this process; its last argument is a set of
         // options.
@@ -79,6 +88,16 @@ impl Frozen {
         assert_eq!(unsafe { libc::waitpid(self.0, &raw mut status, libc::__WALL) }, self.0);
         status
     }
+}
+
+/// The threads of `pid`, and their names.
+fn threads(pid: u32) -> Vec<(libc::pid_t, String)> {
+    let threads = std::fs::read_dir(format!("/proc/{pid}/task")).expect("a living process").flatten();
+    let named = threads.filter_map(|entry| {
+        let comm = std::fs::read_to_string(entry.path().join("comm")).ok()?;
+        Some((entry.file_name().to_str()?.parse().ok()?, comm.trim().to_owned()))
+    });
+    named.collect()
 }
 
 impl Drop for Frozen {

@@ -57,6 +57,8 @@ fn tick(record: &TickRecord) -> Value {
     let known = |ns: u64| (ns != u64::MAX).then_some(ns);
     json!({
         "tick": record.tick,
+        "release_ns": record.release_ns,
+        "skipped": record.skipped_ticks,
         "mode": record.mode,
         "pen": [record.pen_sequence, record.pen_stamp_ns],
         "echo_tick": record.echo_tick,

@@ -13,6 +13,7 @@ mod output;
 mod interrupt;
 mod values;
 mod settings;
+mod bounded;
 mod attach;
 mod place;
 mod robot;
@@ -42,6 +43,7 @@ mod enable;
 mod move_home;
 mod calibrate;
 mod stopped;
+mod torque;
 mod extent;
 mod status;
 mod demo;
@@ -78,7 +80,7 @@ struct Arguments {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    Demo(demo::DemoArgs),
+    Demo(Box<demo::DemoArgs>),
     Daemon(daemon::DaemonArgs),
     Play(play::PlayArgs),
     Tablet(tablet::TabletArgs),
@@ -95,7 +97,7 @@ enum Command {
     /// Arms to plug into the loop
     #[command(subcommand)]
     Arm(arm::ArmCommand),
-    UrSim(ur_sim::UrSimArgs),
+    UrSim(Box<ur_sim::UrSimArgs>),
     #[command(hide = true)]
     UrEcho(ur_echo::UrEchoArgs),
     Request(request::RequestArgs),

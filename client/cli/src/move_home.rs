@@ -3,7 +3,7 @@
 //! Contract: moves nothing without `--yes` or a `yes` on the terminal. Leaving stops the arm: on Ctrl-C, and
 //! if the answer or the status does not come, it is stopped in the way that needs no middleware.
 
-use std::io::{IsTerminal, Write};
+use std::io::{BufRead, IsTerminal, Write};
 use std::time::{Duration, Instant};
 
 use foretrace_client::{
@@ -112,14 +112,17 @@ fn home(args: &HomeArgs) -> Result<(), Failure> {
     }))
 }
 
+/// Bytes of an answer that are read: a line without an end is no yes.
+const LONGEST_ANSWER: u64 = 64;
+
 /// Asks on the terminal.
 fn agreed() -> Result<bool, Failure> {
     let _ = write!(std::io::stderr(), "The arm will move. Is its way clear of people and things? Type yes: ");
-    let mut answer = String::new();
-    std::io::stdin()
-        .read_line(&mut answer)
+    let mut answer = Vec::new();
+    std::io::Read::take(std::io::stdin().lock(), LONGEST_ANSWER)
+        .read_until(b'\n', &mut answer)
         .map_err(|error| Failure::failed(format_args!("reading from the terminal: {error}"), "give --yes"))?;
-    Ok(answer.trim().eq_ignore_ascii_case("yes"))
+    Ok(String::from_utf8_lossy(&answer).trim().eq_ignore_ascii_case("yes"))
 }
 
 fn silent() -> Failure {

@@ -118,21 +118,24 @@ fn asked(args: &RequestArgs, wait: Duration) -> Result<Result<ControlResponse, R
 /// Stops without the middleware.
 fn stop(args: &RequestArgs, wait: Duration) -> Result<(), Failure> {
     const OTHERWISE: &str = "use the arm's own stop button";
-    let Stopped { mode, trust } =
-        foretrace_client::stop(&args.instance.instance()?, wait).map_err(|error| match error {
-            StopError::NoDaemon { .. } => Failure::new(
-                Cause::NoDaemon,
-                format_args!("no stop was sent: {error}"),
-                "if an arm moves, use its own stop button; a service's daemon is found with `sudo -u \
+    let stopped = foretrace_client::stop(&args.instance.instance()?, wait).map_err(|error| match error {
+        StopError::NoDaemon { .. } => Failure::new(
+            Cause::NoDaemon,
+            format_args!("no stop was sent: {error}"),
+            "if an arm moves, use its own stop button; a service's daemon is found with `sudo -u \
                  foretrace \
                  XDG_RUNTIME_DIR=/run/foretrace foretrace request stop`",
-            ),
-            other => Failure::failed(other, OTHERWISE),
-        })?;
+        ),
+        other => Failure::failed(other, OTHERWISE),
+    })?;
     // Coming to rest takes its time; in idle there is nothing to stop.
-    let status = if mode == Mode::Idle { ControlStatus::Ok } else { ControlStatus::Accepted };
-    say!("{status} (mode {}, trust {trust:.2})", mode.label());
-    args.json.write(&result(status, "", mode.into(), trust))
+    let Stopped { mode, trust } = stopped;
+    let status = if mode == Some(Mode::Idle) { ControlStatus::Ok } else { ControlStatus::Accepted };
+    match trust {
+        Some(trust) => say!("{status} (mode {}, trust {trust:.2})", stopped.words()),
+        None => say!("{status} (mode {})", stopped.words()),
+    }
+    args.json.write(&result(status, "", mode.map_or(u32::MAX, u32::from), trust.unwrap_or(f64::NAN)))
 }
 
 /// The failure that a request's error means.

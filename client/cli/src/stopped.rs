@@ -52,6 +52,10 @@ pub(crate) const fn remedy(fault: FaultReason) -> &'static str {
             "the arm came too near something on its way home (bounds: clearance): move it by hand, or take \
              that away"
         }
+        FaultReason::Contact => {
+            "the arm's joints bear more than their motion needs (bounds: safety.contact): look at what it \
+             touches, at plane.origin_m and at its load; then arm again"
+        }
         FaultReason::Internal => {
             "see the daemon's messages (its terminal, or `journalctl -u foretraced`), and report them"
         }

@@ -11,6 +11,7 @@ use foretrace_ur::controller::{Controller, Options, Series, Service};
 use foretrace_ur::rtde::ControllerVersion;
 use serde::Serialize;
 
+use crate::arm::options::JointArgs;
 use crate::failure::{Cause, Failure};
 use crate::interrupt::Interrupt;
 use crate::output::{JsonArgs, note};
@@ -66,6 +67,9 @@ pub(crate) struct UrSimArgs {
     /// Seed of the calibration
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
+
+    #[command(flatten)]
+    joints: JointArgs,
 
     /// Begin with the power off
     #[arg(long)]
@@ -130,6 +134,8 @@ pub(crate) fn run(args: &UrSimArgs) -> Result<(), Failure> {
         calibration_error_m: args.calibration_error_mm * 1e-3,
         seed: args.seed,
         running: !args.power_off,
+        damping: args.joints.damping(),
+        mechanics: args.joints.mechanics(),
         ..Options::new(series)
     };
     if let Some(from) = &args.from {

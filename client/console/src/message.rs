@@ -2,7 +2,7 @@
 //!
 //! Contract: pure and total: any text gives a message or a reason. Numbers are finite and lists bounded.
 
-use foretrace_client::{PenSample, pen_flags};
+use foretrace_client::{ORDER_AHEAD_NS, PenSample, pen_flags};
 use serde::Deserialize;
 
 /// Largest message [bytes].
@@ -91,19 +91,37 @@ impl Message {
     }
 }
 
-/// The time of a page in ns; never later than `now_ns`.
-pub(crate) fn told_at(at_us: f64, now_ns: u64) -> u64 {
+/// When a page decided something, by its account of the daemon's clock \[ns\]; never later than `now_ns`.
+///
+/// # Errors
+///
+/// It is dated ahead by more than a clock that is measured every second can be wrong.
+fn told_at(at_us: f64, now_ns: u64, ahead: &'static str) -> Result<u64, &'static str> {
     // A cast of a number out of range saturates.
-    ((at_us * 1e3) as u64).min(now_ns)
+    let at_ns = (at_us * 1e3) as u64;
+    if at_ns.saturating_sub(now_ns) > ORDER_AHEAD_NS { Err(ahead) } else { Ok(at_ns.min(now_ns)) }
+}
+
+/// When an order was asked for that a page tells of \[ns\]; never later than `now_ns`.
+///
+/// # Errors
+///
+/// It is dated ahead.
+pub(crate) fn asked_at(at_us: f64, now_ns: u64) -> Result<u64, &'static str> {
+    told_at(at_us, now_ns, "order dated ahead")
 }
 
 /// When a button was held that a page tells of \[ns\]; never later than `now_ns`.
 ///
 /// # Errors
 ///
-/// The message was under way for so long that the button may have been let go; a release is never too old.
+/// The message was under way for so long that the button may have been let go, or is dated ahead; a release
+/// counts whatever its date.
 pub(crate) fn held_at(held: bool, at_us: f64, now_ns: u64) -> Result<u64, &'static str> {
-    let at_ns = told_at(at_us, now_ns);
+    let at_ns = match told_at(at_us, now_ns, "hold dated ahead") {
+        Err(_) if !held => now_ns,
+        told => told?,
+    };
     if held && now_ns - at_ns >= HOLD_LASTS_NS { Err("hold came too late") } else { Ok(at_ns) }
 }
 
@@ -148,6 +166,15 @@ mod tests {
         let now = 10_000_000_000;
         assert_eq!(held_at(true, 9_900_000.0, now), Ok(9_900_000_000));
         assert_eq!(held_at(true, 9_850_000.0, now), Err("hold came too late"));
+        // Clocks that differ a little are no reason; a hold that would last longer than its page is one.
+        assert_eq!(held_at(true, 10_100_000.0, now), Ok(now));
+        for ahead in [10_100_001.0, 15_000_000.0, 1e300] {
+            assert_eq!(held_at(true, ahead, now), Err("hold dated ahead"), "{ahead}");
+            assert_eq!(asked_at(ahead, now), Err("order dated ahead"), "{ahead}");
+        }
+        for (stamp, ns) in [(10_100_000.0, now), (9_000_000.0, 9_000_000_000), (-1.0, 0)] {
+            assert_eq!(asked_at(stamp, now), Ok(ns));
+        }
         for (stamp, ns) in [(9_000_000.0, 9_000_000_000), (1e300, now), (-1.0, 0)] {
             assert_eq!(held_at(false, stamp, now), Ok(ns));
         }

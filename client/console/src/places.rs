@@ -3,8 +3,10 @@
 //! One who fills all places that a machine in the network may have leaves some for others, and for a page of
 //! this machine that wants to stop the arm.
 
-use std::net::{IpAddr, Ipv6Addr};
+use std::net::IpAddr;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use foretrace_client::metered::machine;
 
 /// Most connections at a time.
 const ALL: usize = 32;
@@ -58,17 +60,6 @@ impl Drop for Place {
         if let Some(at) = taken.iter().position(|taken| *taken == self.machine) {
             taken.swap_remove(at);
         }
-    }
-}
-
-/// The address that stands for the whole machine: with IPv6 it may have as many as it likes below one prefix
-/// of 64 bits (RFC 4291, section 2.5.4).
-fn machine(peer: IpAddr) -> IpAddr {
-    match peer.to_canonical() {
-        IpAddr::V6(address) if !address.is_loopback() => {
-            IpAddr::V6(Ipv6Addr::from_bits(address.to_bits() & !u128::from(u64::MAX)))
-        }
-        address => address,
     }
 }
 

@@ -11,7 +11,7 @@ use tungstenite::protocol::{Role, WebSocketConfig};
 use tungstenite::{Error, Message as Packet, WebSocket};
 
 use crate::board::{Board, Denied, Order, Reply, What, now_ns};
-use crate::message::{MESSAGE_BYTES, Message, held_at, sample, told_at};
+use crate::message::{MESSAGE_BYTES, Message, Request, asked_at, held_at, sample};
 use crate::wire::Wire;
 
 /// Longest wait for a message, and so between two looks at new frames.
@@ -220,16 +220,26 @@ impl Page<'_> {
                 Ok(at_ns) => self.board.hold(held, at_ns),
                 Err(reason) => self.board.refuse(reason),
             },
-            Message::Ask(request, at_us) => self.order(What::Ask(request), at_us),
-            Message::Write(text, at_us) => self.order(What::Write(text), at_us),
-            Message::TakePen(_) => self.order(What::TakePen, f64::INFINITY),
-            Message::Record(on) => self.order(What::Record(on), f64::INFINITY),
+            Message::Ask(request, at_us) => self.order(What::Ask(request), Some(at_us)),
+            Message::Write(text, at_us) => self.order(What::Write(text), Some(at_us)),
+            Message::TakePen(_) => self.order(What::TakePen, None),
+            Message::Record(on) => self.order(What::Record(on), None),
         }
     }
 
-    /// `at_us`: when it was asked for, by the page's account; after now: now.
-    fn order(&mut self, what: What, at_us: f64) {
-        let (asked_ns, reply) = (told_at(at_us, now_ns()), self.replies.clone());
+    /// `at_us`: when it was asked for, by the page's account; none: now.
+    fn order(&mut self, what: What, at_us: Option<f64>) {
+        let now_ns = now_ns();
+        let asked_ns = match at_us.map_or(Ok(now_ns), |at_us| asked_at(at_us, now_ns)) {
+            Ok(asked_ns) => asked_ns,
+            Err(_) if matches!(what, What::Ask(Request::Disarm(_))) => now_ns,
+            Err(reason) => {
+                self.board.refuse(reason);
+                let words = format!("not carried out: {reason}: the page's clock is wrong; load it again");
+                return self.tell(false, words);
+            }
+        };
+        let reply = self.replies.clone();
         if !self.board.order(Order { what, page: self.id, asked_ns, reply }) {
             self.tell(false, "too much is asked for at once: try again".to_owned());
         }

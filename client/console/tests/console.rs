@@ -150,6 +150,27 @@ fn a_hold_that_was_long_under_way_enables_nothing() {
 }
 
 #[test]
+fn holds_dated_ahead_enable_nothing_and_are_counted() {
+    let rig = Rig::start();
+    let mut stopped = Value::Null;
+    let beats = dead_man(&rig, |_| {
+        let mut page = rig.controller();
+        for _ in 0..100 {
+            let ahead_us = monotonic_now_ns() as f64 * 1e-3 + 5e6;
+            page.say(json!({ "hold": [true, ahead_us] }));
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        // A stop has no date.
+        page.say(json!({ "stop": true }));
+        stopped = page.hears("reply");
+    });
+    assert!(beats.is_empty(), "{beats:?}");
+    assert!(!stopped.is_null());
+    assert_eq!(rig.instance.holder(foretrace_client::Place::DeadMan), None);
+    assert_eq!(rig.end().refused["hold dated ahead"], 100);
+}
+
+#[test]
 fn a_button_that_is_let_go_gives_its_place_back() {
     let rig = Rig::start();
     let mut page = rig.controller();

@@ -1,17 +1,14 @@
-//! The status as Prometheus text, and the small server that hands it out.
+//! The status as Prometheus text; [`serve`] hands it out.
 //!
 //! Contract: text of the exposition format 0.0.4: counters end in `_total`, durations are in seconds, unknown
-//! numbers are left out. The server answers a bounded number of peers at a time, each within a bounded time,
-//! whatever they send; it holds the newest text and no handle to the loop.
+//! numbers are left out.
 //!
 //! Source: Prometheus, "Exposition formats", "Metric and label naming".
 
+mod server;
+pub use server::{Board, serve};
+
 use std::fmt::Write as _;
-use std::io::{Read as _, Write as _};
-use std::net::{TcpListener, TcpStream};
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Duration;
 
 use foretrace_shm::{
     Counters, FaultReason, LATENCY_BINS, Latency, Mode, REJECT_REASONS, RejectReason, Stage, Status,
@@ -19,13 +16,6 @@ use foretrace_shm::{
 };
 
 use crate::stages::Stages;
-
-/// Peers that are answered at a time.
-const PEERS: usize = 8;
-/// How long a peer may take to ask, and to take the answer.
-const PATIENCE: Duration = Duration::from_secs(2);
-/// Bytes of a request at most.
-const LONGEST_REQUEST: usize = 8192;
 
 /// Adds a metric with its help, and one line per sample.
 fn metric(text: &mut String, name: &str, kind: &str, help: &str, samples: &[(String, f64)]) {
@@ -185,79 +175,6 @@ fn counters(text: &mut String, counters: &Counters) {
     }
 }
 
-/// The newest text, shared with the server.
-#[derive(Debug, Clone, Default)]
-pub struct Board(Arc<Mutex<String>>);
-
-impl Board {
-    /// Shows `text` from now on.
-    pub fn show(&self, text: String) {
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = text;
-    }
-
-    fn text(&self) -> String {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
-    }
-}
-
-/// Answers on `listener` until the process ends.
-///
-/// # Errors
-///
-/// The system refuses another thread.
-pub fn serve(listener: TcpListener, board: Board) -> std::io::Result<()> {
-    std::thread::Builder::new().name("foretrace-http".to_owned()).spawn(move || {
-        let busy = Arc::new(AtomicUsize::new(0));
-        for peer in listener.incoming() {
-            let Ok(mut peer) = peer else { continue };
-            if busy.fetch_add(1, Ordering::AcqRel) >= PEERS {
-                busy.fetch_sub(1, Ordering::AcqRel);
-                continue;
-            }
-            let (board, left) = (board.clone(), busy.clone());
-            let started = std::thread::Builder::new().name("foretrace-peer".to_owned()).spawn(move || {
-                // A peer that went away has no use for an error.
-                let _ = answer(&mut peer, &board);
-                // Before the peer sees the end and comes again.
-                left.fetch_sub(1, Ordering::AcqRel);
-                drop(peer);
-            });
-            if started.is_err() {
-                busy.fetch_sub(1, Ordering::AcqRel);
-            }
-        }
-    })?;
-    Ok(())
-}
-
-fn answer(peer: &mut TcpStream, board: &Board) -> std::io::Result<()> {
-    peer.set_read_timeout(Some(PATIENCE))?;
-    peer.set_write_timeout(Some(PATIENCE))?;
-    let until = std::time::Instant::now() + PATIENCE;
-    let (mut asked, mut room) = (Vec::new(), [0; 1024]);
-    while !asked.windows(4).any(|end| end == b"\r\n\r\n") && asked.len() < LONGEST_REQUEST {
-        let came = peer.read(&mut room)?;
-        if came == 0 || std::time::Instant::now() > until {
-            break;
-        }
-        asked.extend_from_slice(room.get(..came).unwrap_or_default());
-    }
-    let line = asked.split(|byte| *byte == b'\r').next().unwrap_or_default();
-    let mut words = line.split(|byte| *byte == b' ');
-    let (status, body) = match (words.next(), words.next()) {
-        (Some(b"GET"), Some(b"/metrics")) => ("200 OK", board.text()),
-        (Some(b"GET"), Some(_)) => ("404 Not Found", "metrics are at /metrics\n".to_owned()),
-        _ => ("400 Bad Request", "ask for GET /metrics\n".to_owned()),
-    };
-    let head = format!(
-        "HTTP/1.1 {status}\r\nContent-Type: text/plain; version=0.0.4; charset=utf-8\r\nContent-Length: \
-         {}\r\nConnection: close\r\n\r\n",
-        body.len()
-    );
-    peer.write_all(head.as_bytes())?;
-    peer.write_all(body.as_bytes())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -313,27 +230,5 @@ mod tests {
                 assert!(text.contains(&format!("\n{name}")) || text.starts_with(name), "{name} of {file}");
             }
         }
-    }
-
-    #[test]
-    fn peers_of_any_kind_get_an_answer_or_are_left() {
-        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
-        let address = listener.local_addr().unwrap();
-        let board = Board::default();
-        board.show("foretrace_up 0\n".to_owned());
-        serve(listener, board).unwrap();
-        let ask = |bytes: &[u8]| {
-            let mut peer = TcpStream::connect(address).unwrap();
-            peer.write_all(bytes).unwrap();
-            let mut told = String::new();
-            peer.read_to_string(&mut told).unwrap();
-            told
-        };
-        // Somebody who never asks holds up nobody.
-        let _silent: Vec<_> = (0..PEERS - 1).map(|_| TcpStream::connect(address).unwrap()).collect();
-        let told = ask(b"GET /metrics HTTP/1.1\r\nHost: x\r\n\r\n");
-        assert!(told.starts_with("HTTP/1.1 200 OK") && told.ends_with("foretrace_up 0\n"), "{told}");
-        assert!(ask(b"GET / HTTP/1.1\r\n\r\n").starts_with("HTTP/1.1 404"));
-        assert!(ask(b"\xff\xff\xff\r\n\r\n").starts_with("HTTP/1.1 400"));
     }
 }

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use foretrace_config::Config;
+use foretrace_control::contact::{EffortReading, EffortUnit};
 use foretrace_control::follower::{Budget, Follower, JointReading, NoClock, Request, StepInput};
 use foretrace_control::learn::Learner;
 use foretrace_control::pen::PenReading;
@@ -64,10 +65,16 @@ fn lived() -> Lived {
             }
         }
         let request = (tick == 10).then_some(Request::Arm);
+        let effort = EffortReading {
+            stamp: joints.stamp,
+            effort: joints.q.map(|q| 20.0 * q.sin()),
+            unit: EffortUnit::NewtonMetres,
+        };
         let given = Given {
             now,
             budget: Budget { shed: tick.is_multiple_of(50), ..Budget::default() },
             joints: Some(joints),
+            effort: Some(effort),
             enable: None,
             request,
             halt: None,
@@ -78,6 +85,7 @@ fn lived() -> Lived {
         let input = StepInput {
             pen: &pen,
             joints: given.joints.as_ref(),
+            effort: given.effort.as_ref(),
             request,
             weights: given.weights.map(|_| &weights),
             ..StepInput::nothing(now)
@@ -342,6 +350,7 @@ fn behind_a_servo() -> (Vec<TickInput>, f64, Thing) {
             now,
             budget: Budget::default(),
             joints: Some(joints),
+            effort: None,
             enable: None,
             request: (tick == 5).then_some(Request::Arm),
             halt: None,

@@ -1,6 +1,6 @@
 //! Sections about the arm: inverse kinematics, robot, timing, safety.
 
-use super::{QpBackend, UrSection};
+use super::{ContactSection, PayloadSection, QpBackend, UrSection};
 use crate::schema::{Legal::*, Presence::*, section, words};
 
 section! {
@@ -35,8 +35,9 @@ section! {
         correction_mps: f64 = Between(0.001, 5.0), Default("0.25"), AtStart, "0.25";
         /// Corrections are slowed so that they can end with this deceleration.
         correction_mps2: f64 = Between(0.01, 100.0), Default("2.0"), AtStart, "2.0";
-        /// Pull toward `robot.home_rad`, for arms with more joints than the task needs; 0 for none.
-        posture_weight_m2: f64 = Between(0.0, 1.0), Default("0.0"), AtStart, "0; 1e-7 with seven joints";
+        /// Pull toward `robot.home_rad`, for arms with more joints than the task needs; 0 for none. A weight near
+        /// the square of a lever arm competes with the path.
+        posture_weight_m2: f64 = Between(0.0, 0.01), Default("0.0"), AtStart, "0; 1e-7 with seven joints";
         /// Rate of that pull.
         posture_hz: f64 = Between(0.01, 100.0), Default("1.0"), AtStart, "1";
     }
@@ -78,6 +79,8 @@ section! {
         controller_rate_hz: u32 = Between(50.0, 8000.0), Required, AtStart, "125 for a UR5, 500 for a UR5e";
     }
     sections {
+        /// What it carries.
+        payload @ "payload": PayloadSection;
         /// What only arms of Universal Robots have.
         ur @ "ur": UrSection;
     }
@@ -143,6 +146,8 @@ section! {
     sections {
         /// Bounds of the tracking monitor.
         tracking @ "tracking": Tracking;
+        /// When efforts mean that the arm touches something.
+        contact @ "contact": ContactSection;
         /// How far the tool may go.
         envelope @ "envelope": EnvelopeSection;
     }
@@ -167,8 +172,10 @@ section! {
         /// Largest distance of a measured joint from all of those commands. A joint at half of it that moves
         /// away stops the arm as well.
         joint_rad: f64 = Between(0.002, 0.5), Default("0.02"), AtStart, "0.02";
-        /// The same for the tool, along the axes of the plane: several small joint errors add up.
-        tool_m: f64 = Between(0.001, 0.2), Default("0.015"), AtStart, "0.015";
+        /// The same for the tool, along the axes of the plane: several small joint errors add up. Three
+        /// quarters of it stop the arm where one or two joints take the tool so far from where it would be if
+        /// they answered as the others do. Three times as much until the arm has moved for two seconds.
+        tool_m: f64 = Between(0.001, 0.2), Default("0.005"), AtStart, "0.005";
         /// Commanded motion of a joint within a quarter of a second that must show in the measurement: a
         /// joint that then stands still stops the arm.
         still_rad: f64 = Between(0.002, 0.5), Default("0.006"), AtStart, "0.006";

@@ -10,15 +10,19 @@ mod foresight;
 mod plan;
 mod arm;
 mod clearance;
+mod payload;
+mod contact;
 mod ur;
 
 pub use arm::{Arming, EnvelopeSection, Ik, RobotSection, SlowArmChoice, Timing, Tracking};
 pub use clearance::ClearanceSection;
+pub use contact::ContactSection;
 pub use foresight::{
     ArRlsSection, DybmSection, EsnSection, Learner, MixtureSection, Optimiser, Predictor, RefineSection,
     ScaleSection, TraceChoice, TrustMode, TrustSection,
 };
 pub use hand::Pen;
+pub use payload::PayloadSection;
 pub use plan::{AxisLimits, Gains, Limits, Mpc, Penalty, QpBackend};
 pub use plane::PlaneSection;
 pub use process::{Instance, Loop, Telemetry};

@@ -10,7 +10,7 @@ use crate::{Config, presets};
 const TOOL: &str = "tool_m = [0.0, 0.0, 0.15]\n";
 
 /// The UR5 preset with a URDF of its own next to the settings file.
-fn with_urdf(urdf: &str, more: &str) -> Result<Config, String> {
+pub(super) fn with_urdf(urdf: &str, more: &str) -> Result<Config, String> {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("arm.urdf"), urdf).unwrap();
     let path = folder.path().join("table.toml");

@@ -7,7 +7,7 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use foretrace_control::arm::lag::LagEstimate;
-use foretrace_control::monitor::{Monitor, TrackingSettings};
+use foretrace_control::monitor::{Known, Monitor, TrackingSettings};
 use foretrace_control::units::Stamp;
 
 const TICKS: u64 = 500_000;
@@ -24,14 +24,15 @@ fn main() {
         ("lag not known", None),
         ("lag known", Some(LagEstimate { lag_s: 0.034, std_s: 3e-4, shift_s: 0.033 })),
     ] {
-        let mut monitor = Monitor::<6>::new(TrackingSettings::default(), 200_000_000);
+        let mut monitor = Monitor::<6>::new(TrackingSettings::default(), 200_000_000, [3.1; 6]);
         monitor.begin(Stamp(BEGIN_NS));
         let mut costs = Vec::with_capacity(path.len());
         for (tick, q) in (1..).zip(&path) {
             let late = path.get((tick as usize).saturating_sub(18)).unwrap_or(q);
             let then = Instant::now();
             let stamp = Stamp(BEGIN_NS + tick * TICK_NS);
-            let wrong = monitor.measured(stamp, black_box(late), &[late[0], late[1], late[2]], lag.as_ref());
+            let known = Known { lag, response: None };
+            let wrong = monitor.measured(stamp, black_box(late), &known, |q| [q[0], q[1], q[2]]);
             assert!(wrong.is_none(), "{wrong:?}");
             monitor.commanded(stamp.plus_ns(TICK_NS), black_box(q), &[q[0], q[1], q[2]]);
             costs.push(then.elapsed().as_nanos());

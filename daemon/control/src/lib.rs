@@ -89,6 +89,7 @@ pub mod clearance;
 pub mod ik;
 pub mod guard;
 pub mod monitor;
+pub mod contact;
 pub mod follower;
 pub mod ghost;
 pub mod extent;

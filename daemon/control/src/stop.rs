@@ -27,12 +27,14 @@ pub enum StopReason {
     Overruns,
     /// Something holds the arm up on its way home.
     WayBlocked,
+    /// The arm touches something that its motion does not explain.
+    Contact,
 }
 
 choices! {
     StopReason {
         None, Requested, EnableLost, JointStateLost, TimeLost, ArmSafety, TrackingError, Envelope,
-        Overruns, WayBlocked,
+        Overruns, WayBlocked, Contact,
     }
 }
 
@@ -68,12 +70,16 @@ pub enum StopCause {
     LateTicks,
     /// An obstacle is nearer than the arm may come to it \[m\].
     Clearance,
+    /// A joint does not answer its commands as the rest of the arm does, and takes the tool away \[m\].
+    Response,
+    /// A joint's effort is off what the motion needs \[Nm\].
+    Effort,
 }
 
 choices! {
     StopCause {
         None, JointDeviation, ToolDeviation, WrongDirection, NoMotion, Runaway, Oscillation, SlowArm,
-        Height, Workspace, Tilt, ToolSpeed, LateTicks, Clearance,
+        Height, Workspace, Tilt, ToolSpeed, LateTicks, Clearance, Response, Effort,
     }
 }
 

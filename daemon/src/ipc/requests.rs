@@ -106,6 +106,9 @@ impl Requests {
     }
 
     fn take(&mut self, call: Call, rings: &mut IpcRings, mode: Mode, trust: Trust) {
+        if let Err(ahead) = call.request.check_date(monotonic_now_ns()) {
+            return self.answer(call, ControlStatus::Invalid, mode, trust, &ahead.to_string());
+        }
         match wire::asked(&call.request) {
             Meaning::Query => self.answer(call, ControlStatus::Ok, mode, trust, ""),
             Meaning::UnknownPredictor => {
@@ -137,7 +140,7 @@ impl Requests {
     fn ask_loop(&mut self, request: Request, asker: Asker, rings: &mut IpcRings) -> Result<(), Asker> {
         let token = self.next_token;
         let stamp = monotonic_now_ns();
-        // Requests of the supervisor are sent now; no request is sent in the future.
+        // Requests of the supervisor are sent now; what little an operator's clock is ahead is taken off.
         let sent = match &asker {
             Asker::Operator(call) => call.request.sent_ns.min(stamp),
             Asker::Settings(_) => stamp,

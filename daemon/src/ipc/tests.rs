@@ -40,6 +40,7 @@ pub(crate) fn facts(tick: u64) -> TickFacts {
             now,
             budget: Budget::default(),
             joints: None,
+            effort: None,
             enable: None,
             request: None,
             halt: None,

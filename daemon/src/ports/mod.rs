@@ -7,6 +7,7 @@
 pub mod memory;
 pub mod shm;
 
+use foretrace_control::contact::EffortReading;
 use foretrace_control::follower::{EnableReading, JointReading};
 use foretrace_control::pen::PenReading;
 use foretrace_control::units::Stamp;
@@ -23,6 +24,8 @@ pub struct Inbox {
     pen_count: usize,
     /// Newest joint state.
     pub joints: Option<JointReading<JOINTS>>,
+    /// Efforts of that joint state, where the arm reports any.
+    pub effort: Option<EffortReading<JOINTS>>,
     /// The echo in that joint state, if any.
     pub echo: Option<Echo>,
     /// Newest dead-man message.
@@ -34,13 +37,21 @@ impl Inbox {
     #[must_use]
     pub const fn empty() -> Self {
         let nothing = PenReading::new(Stamp(0), [0.0; 2], false);
-        Self { pen: [nothing; PEN_PER_TICK], pen_count: 0, joints: None, echo: None, enable: None }
+        Self {
+            pen: [nothing; PEN_PER_TICK],
+            pen_count: 0,
+            joints: None,
+            effort: None,
+            echo: None,
+            enable: None,
+        }
     }
 
     /// Forgets everything.
     pub const fn clear(&mut self) {
         self.pen_count = 0;
         self.joints = None;
+        self.effort = None;
         self.echo = None;
         self.enable = None;
     }

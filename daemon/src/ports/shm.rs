@@ -63,6 +63,7 @@ impl Ports for ShmPorts {
             let reading = wire::joint_reading(&state);
             allowed &= reading.motion_allowed;
             inbox.joints = Some(JointReading { motion_allowed: allowed, ..reading });
+            inbox.effort = wire::effort_reading(&state);
             inbox.echo = wire::echo(&state);
             self.tally.arm_line = state.line;
         });

@@ -308,6 +308,31 @@ mod tests {
     }
 
     #[test]
+    fn a_storm_of_signals_neither_shortens_nor_loses_a_period() {
+        /// Every sleep is interrupted after 2 us, and each handler takes 1 us: 600 of them in a period.
+        struct Bombarded(SimulatedClock);
+        impl Clock for Bombarded {
+            fn now(&self) -> Stamp {
+                self.0.now()
+            }
+            fn sleep_until(&self, instant: Stamp) {
+                let interrupted = instant.0.min(self.0.now.get() + 2_000);
+                self.0.sleep_until(Stamp(interrupted));
+                self.0.work(1_000);
+            }
+        }
+        let clock = SimulatedClock { read_ns: 10, ..SimulatedClock::at(0) };
+        let mut cyclic = Cyclic::new(Bombarded(clock), rhythm(50_000));
+        for k in 0..1000 {
+            let wake = cyclic.wait();
+            assert_eq!((wake.index, wake.skipped), (k, 0));
+            assert_eq!(wake.release.0, (k + 2) * PERIOD + PHASE_NS);
+            assert!(wake.latency_ns() <= 1_000, "{wake:?}");
+            cyclic.clock().0.work(700_000);
+        }
+    }
+
+    #[test]
     fn an_interrupted_sleep_is_taken_up_again() {
         struct Interrupted(SimulatedClock);
         impl Clock for Interrupted {

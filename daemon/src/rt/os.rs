@@ -61,7 +61,8 @@ pub fn thread_cpu_ns() -> u64 {
     (time.tv_sec as u64).saturating_mul(1_000_000_000).saturating_add(time.tv_nsec as u64)
 }
 
-/// Sleeps until CLOCK_MONOTONIC shows `instant_ns`; returns early when a signal interrupts.
+/// Sleeps until CLOCK_MONOTONIC shows `instant_ns`; returns early when a signal interrupts. The time is
+/// absolute, so that a caller who sleeps on to the same instant loses nothing.
 pub fn sleep_until_ns(instant_ns: u64) {
     let time = libc::timespec {
         tv_sec: (instant_ns / 1_000_000_000) as libc::time_t,
@@ -123,14 +124,29 @@ pub fn lock_memory() -> Result<(), Missing> {
     Err(lock_refused(&io::Error::last_os_error(), soft_limit(libc::RLIMIT_MEMLOCK)))
 }
 
-/// Leaves every signal to the other threads: a handler never runs inside a tick.
-pub fn block_signals() {
-    let mut all = MaybeUninit::<libc::sigset_t>::zeroed();
-    // SAFETY: `all` is valid for writing.
-    unsafe { libc::sigfillset(all.as_mut_ptr()) };
-    // SAFETY: `all` was filled above; the old mask is not asked for. Neither call can fail with these
-    // arguments.
-    unsafe { libc::pthread_sigmask(libc::SIG_BLOCK, all.as_ptr(), ptr::null_mut()) };
+/// Leaves every signal but the stop, SIGUSR1, to the other threads. A stop is taken here, whatever state the
+/// other threads are in: its handler sets a flag, and the sleep that it interrupts is taken up again.
+pub fn hear_stops_only() {
+    let mut signals = MaybeUninit::<libc::sigset_t>::zeroed();
+    // SAFETY: `signals` is valid for writing.
+    unsafe { libc::sigfillset(signals.as_mut_ptr()) };
+    // SAFETY: `signals` was filled above.
+    unsafe { libc::sigdelset(signals.as_mut_ptr(), libc::SIGUSR1) };
+    // SAFETY: `signals` is valid for reading; the old mask is not asked for. None of the three calls can fail
+    // with these arguments.
+    unsafe { libc::pthread_sigmask(libc::SIG_SETMASK, signals.as_ptr(), ptr::null_mut()) };
+}
+
+/// Leaves the stop, SIGUSR1, to the real-time thread: the calling thread, and those that it starts from here
+/// on, do not take it. The kernel may choose any thread that would, also one that gets no processor.
+pub fn leave_stops_to_the_loop() {
+    let mut stop = MaybeUninit::<libc::sigset_t>::zeroed();
+    // SAFETY: `stop` is valid for writing.
+    unsafe { libc::sigemptyset(stop.as_mut_ptr()) };
+    // SAFETY: `stop` was emptied above.
+    unsafe { libc::sigaddset(stop.as_mut_ptr(), libc::SIGUSR1) };
+    // SAFETY: as in `hear_stops_only`.
+    unsafe { libc::pthread_sigmask(libc::SIG_BLOCK, stop.as_ptr(), ptr::null_mut()) };
 }
 
 /// Makes sleeps of the calling thread end within `ns` of their time; has an effect outside SCHED_FIFO only.

@@ -97,7 +97,7 @@ where
     P: Ports + 'static,
     E: Send + 'static,
 {
-    std::thread::Builder::new().name("foretrace-rt".to_owned()).stack_size(1 << 20).spawn(move || {
+    std::thread::Builder::new().name(foretrace_shm::LOOP.to_owned()).stack_size(1 << 20).spawn(move || {
         let ports = match open() {
             Ok(ports) => ports,
             Err(error) => {
@@ -120,7 +120,7 @@ where
 
 /// Requests the rights for punctual ticks; returns those refused.
 pub(super) fn take_rights(settings: &RtSettings) -> Vec<Missing> {
-    os::block_signals();
+    os::hear_stops_only();
     os::prefault_stack();
     let rights =
         [settings.cpu.map(os::pin_to), settings.priority.map(os::set_fifo), Some(os::set_timer_slack(1))];

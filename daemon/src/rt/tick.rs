@@ -206,6 +206,7 @@ impl<const N: usize, P: Ports> Tick<N, P> {
             now: wake.release,
             pen: self.inbox.pen(),
             joints: self.inbox.joints.as_ref(),
+            effort: self.inbox.effort.as_ref(),
             enable: self.inbox.enable,
             request,
             halt: match (stop, verdict) {
@@ -219,6 +220,7 @@ impl<const N: usize, P: Ports> Tick<N, P> {
             now: input.now,
             budget,
             joints: self.inbox.joints,
+            effort: self.inbox.effort,
             enable: input.enable,
             request,
             halt: input.halt,

@@ -3,6 +3,7 @@
 //! Contract: value by value, bit by bit, in both directions; what comes back is what the law was given. The
 //! way back trusts nothing: an unknown word is an error with its field.
 
+use foretrace_control::contact::EffortReading;
 use foretrace_control::follower::{Budget, EnableReading, JointReading, Request, StepInput, StepOutput};
 use foretrace_control::pen::{PenOrigin, PenReading};
 use foretrace_control::predict::{OnlineWeights, PredictorKind};
@@ -11,7 +12,7 @@ use foretrace_control::units::Stamp;
 use foretrace_shm as shm;
 use foretrace_shm::{ControlOp, PEN_PER_PART, input_flags};
 
-use super::{JOINTS, fault, flag, health, mode, predictor, rung, stop_detail};
+use super::{JOINTS, effort_of, effort_unit, fault, flag, health, mode, predictor, rung, stop_detail};
 
 /// What a tick was given, besides pen samples.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -22,6 +23,8 @@ pub struct Given {
     pub budget: Budget,
     /// Newest joint state, if one arrived.
     pub joints: Option<JointReading<JOINTS>>,
+    /// Its efforts, if the arm reports any.
+    pub effort: Option<EffortReading<JOINTS>>,
     /// Newest dead-man message, if one arrived.
     pub enable: Option<EnableReading>,
     /// The request, if there was one.
@@ -48,6 +51,7 @@ impl Given {
             now: self.now,
             pen,
             joints: self.joints.as_ref(),
+            effort: self.effort.as_ref(),
             enable: self.enable,
             request: self.request,
             halt: self.halt,
@@ -59,7 +63,7 @@ impl Given {
 /// The first part of a tick's record, without pen samples: fill in those with [`pen_part`].
 #[must_use]
 pub fn tick_input(tick: u64, daemon_id: u64, given: &Given, output: &StepOutput<JOINTS>) -> shm::TickInput {
-    let Given { now, budget, joints, enable, request, halt, weights, pen_samples, complete } = *given;
+    let Given { now, budget, joints, effort, enable, request, halt, weights, pen_samples, complete } = *given;
     let flags = flag(joints.is_some(), input_flags::JOINTS)
         | flag(joints.is_some_and(|joints| joints.motion_allowed), input_flags::MOTION_ALLOWED)
         | flag(enable.is_some(), input_flags::ENABLE)
@@ -89,6 +93,8 @@ pub fn tick_input(tick: u64, daemon_id: u64, given: &Given, output: &StepOutput<
         joints_ns: joints.map_or(0, |joints| joints.stamp.0),
         joints_q: joints.map_or([0.0; JOINTS], |joints| joints.q),
         joints_qd: joints.map_or([0.0; JOINTS], |joints| joints.qd),
+        joints_effort: effort.map_or([0.0; JOINTS], |effort| effort.effort),
+        effort_unit: effort.map_or(shm::EffortUnit::None, |effort| effort_unit(effort.unit)).into(),
         enable_ns: enable.map_or(0, |enable| enable.stamp.0),
         weights_version: weights.unwrap_or(0),
         command_ns: output.command.map_or(0, |command| command.stamp.0),
@@ -158,6 +164,8 @@ pub fn given(input: &shm::TickInput) -> Result<Given, &'static str> {
             qd: input.joints_qd,
             motion_allowed: has(input_flags::MOTION_ALLOWED),
         }),
+        effort: effort_of(input.joints_ns, &input.joints_effort, input.effort_unit)
+            .filter(|_| has(input_flags::JOINTS)),
         enable: has(input_flags::ENABLE)
             .then_some(EnableReading { stamp: Stamp(input.enable_ns), stop: has(input_flags::ENABLE_STOP) }),
         request,
@@ -236,6 +244,7 @@ mod tests {
             now: Stamp(77),
             budget: Budget { max_iterations: 12, shed: false },
             joints: None,
+            effort: None,
             enable: None,
             request: None,
             halt: None,
@@ -245,6 +254,8 @@ mod tests {
         };
         let joints =
             JointReading { stamp: Stamp(3), q: [f64::MIN_POSITIVE; 6], qd: [-0.0; 6], motion_allowed: true };
+        let unit = foretrace_control::contact::EffortUnit::Amperes;
+        let effort = EffortReading { stamp: Stamp(3), effort: [-2.5; 6], unit };
         let late =
             StopDetail { cause: StopCause::LateTicks, amount: 0.3, limit: 0.1, ..StopDetail::default() };
         let mut cases = vec![
@@ -252,6 +263,7 @@ mod tests {
             Given { budget: Budget { shed: true, ..nothing.budget }, complete: false, ..nothing },
             Given { joints: Some(joints), ..nothing },
             Given { joints: Some(JointReading { motion_allowed: false, ..joints }), ..nothing },
+            Given { joints: Some(joints), effort: Some(effort), ..nothing },
             Given { enable: Some(EnableReading { stamp: Stamp(9), stop: true }), ..nothing },
             Given { halt: Some((StopReason::Requested, StopDetail::default())), ..nothing },
             Given { halt: Some((StopReason::Overruns, late)), ..nothing },

@@ -1,5 +1,6 @@
 //! The messages of the real-time thread: pen, joints, dead-man, command.
 
+use foretrace_control::contact::{EffortReading, EffortUnit};
 use foretrace_control::follower::{EnableReading, JointCommand, JointReading, Mode, Rung};
 use foretrace_control::pen::{PenOrigin, PenReading};
 use foretrace_control::units::Stamp;
@@ -68,6 +69,34 @@ pub fn joint_reading(state: &shm::JointState) -> JointReading<JOINTS> {
         q: state.q,
         qd: state.qd,
         motion_allowed: safe && runs,
+    }
+}
+
+/// The efforts of a joint state; `None` if the arm reports none.
+#[must_use]
+pub fn effort_reading(state: &shm::JointState) -> Option<EffortReading<JOINTS>> {
+    effort_of(state.header.stamp_ns, &state.effort, state.effort_unit)
+}
+
+/// The same from a tick's record.
+#[must_use]
+pub fn effort_of(stamp_ns: u64, effort: &[f64; JOINTS], unit: u32) -> Option<EffortReading<JOINTS>> {
+    let unit = match shm::EffortUnit::try_from(unit) {
+        Ok(shm::EffortUnit::NewtonMetres) => EffortUnit::NewtonMetres,
+        Ok(shm::EffortUnit::Amperes) => EffortUnit::Amperes,
+        Ok(shm::EffortUnit::Share) => EffortUnit::Share,
+        Ok(shm::EffortUnit::None) | Err(_) => return None,
+    };
+    Some(EffortReading { stamp: Stamp(stamp_ns), effort: *effort, unit })
+}
+
+/// What efforts are given in, on the wire.
+#[must_use]
+pub const fn effort_unit(unit: EffortUnit) -> shm::EffortUnit {
+    match unit {
+        EffortUnit::NewtonMetres => shm::EffortUnit::NewtonMetres,
+        EffortUnit::Amperes => shm::EffortUnit::Amperes,
+        EffortUnit::Share => shm::EffortUnit::Share,
     }
 }
 

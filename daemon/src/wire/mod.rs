@@ -12,7 +12,10 @@ mod outcome;
 mod refused;
 
 pub use input::{Given, given, pen_of, pen_part, tick_input};
-pub use messages::{Echo, Outgoing, echo, enable_reading, joint_command, joint_reading, pen_reading};
+pub use messages::{
+    Echo, Outgoing, echo, effort_of, effort_reading, effort_unit, enable_reading, joint_command,
+    joint_reading, pen_reading,
+};
 pub use outcome::{UNKNOWN, arm_lag, extent, ghost_figures, guard_mask, health, ik_report, known, mpc_path};
 pub use refused::{Refused, pen_rejection, refused};
 pub use requests::{Asked, asked, refusal, unknown_predictor};

@@ -35,6 +35,7 @@ pub const fn fault(reason: StopReason) -> shm::FaultReason {
         StopReason::Envelope => shm::FaultReason::Envelope,
         StopReason::Overruns => shm::FaultReason::Overruns,
         StopReason::WayBlocked => shm::FaultReason::WayBlocked,
+        StopReason::Contact => shm::FaultReason::Contact,
     }
 }
 
@@ -56,6 +57,8 @@ pub fn stop_detail(detail: &StopDetail) -> shm::StopDetail {
         StopCause::ToolSpeed => shm::StopCause::ToolSpeed,
         StopCause::LateTicks => shm::StopCause::LateTicks,
         StopCause::Clearance => shm::StopCause::Clearance,
+        StopCause::Response => shm::StopCause::Response,
+        StopCause::Effort => shm::StopCause::Effort,
     };
     shm::StopDetail {
         cause: cause.into(),

@@ -128,6 +128,12 @@ impl Operator {
         self.control.ask(request, Duration::from_secs(5)).unwrap()
     }
 
+    /// Asks with the date `sent_ns`.
+    pub fn ask_dated(&mut self, op: ControlOp, sent_ns: u64) -> ControlResponse {
+        let request = ControlRequest { sent_ns, ..ControlRequest::new(0, 0, op) };
+        self.control.ask(request, Duration::from_secs(5)).unwrap()
+    }
+
     pub fn switch_predictor(&mut self, name: &str) -> ControlResponse {
         let predictor = PredictorName::new(name).unwrap();
         let request = ControlRequest { predictor, ..ControlRequest::new(0, 0, ControlOp::SwitchPredictor) };

@@ -155,6 +155,23 @@ impl Instance {
         self.segments()?.iter().try_for_each(|path| own_segment(path))
     }
 
+    /// Segments of this user that are empty, in order. A segment is made empty and given its size some
+    /// microseconds later; the middleware waits without end for one that stays so.
+    ///
+    /// # Errors
+    ///
+    /// `Io`.
+    pub fn empty_segments(&self) -> Result<Vec<PathBuf>, InstanceError> {
+        let user = crate::os::effective_user();
+        let is_empty = |path: &PathBuf| {
+            fs::symlink_metadata(path)
+                .is_ok_and(|found| found.is_file() && found.len() == 0 && found.uid() == user)
+        };
+        let mut empty: Vec<PathBuf> = self.segments()?.into_iter().filter(is_empty).collect();
+        empty.sort();
+        Ok(empty)
+    }
+
     /// Process numbers of all living peers, the daemon included, in ascending order.
     ///
     /// # Errors

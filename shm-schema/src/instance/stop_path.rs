@@ -4,7 +4,7 @@
 //! Contract: frames have fixed lengths and are validated as a whole. The run directory (0700) decides who may
 //! send: its user and root. A signal goes only to the holder of the lock, even if process numbers are reused.
 
-use std::fs::{self, File};
+use std::fs;
 use std::io;
 use std::os::fd::AsFd;
 use std::os::unix::fs::MetadataExt;
@@ -19,6 +19,9 @@ use crate::wire::vocabulary::Mode;
 pub const STOP_FRAME_BYTES: usize = 32;
 /// Bytes of a [`StopAnswer`].
 pub const STOP_ANSWER_BYTES: usize = 40;
+
+/// Name of the daemon's thread that runs the loop, as the system shows it.
+pub const LOOP: &str = "foretrace-rt";
 
 const FRAME_MAGIC: u64 = u64::from_le_bytes(*b"ftSTOP_1");
 const ANSWER_MAGIC: u64 = u64::from_le_bytes(*b"ftSTOPa1");
@@ -161,7 +164,7 @@ impl Instance {
     ///
     /// # Errors
     /// See [`SignalError`]; then no signal was sent.
-    pub fn signal_stop(&self) -> Result<DaemonMark, SignalError> {
+    pub fn signal_stop(&self) -> Result<SignalledStop, SignalError> {
         let mark = self.daemon().ok_or(SignalError::NoDaemon)?;
         let pid = mark.pid;
         let refused = |source| SignalError::Refused { pid, source };
@@ -182,8 +185,58 @@ impl Instance {
             return Err(uncertain("it does not catch SIGUSR1"));
         }
         crate::os::signal_process(process.as_fd(), libc::SIGUSR1).map_err(refused)?;
-        Ok(mark)
+        Ok(SignalledStop { instance: self.clone(), mark, slept: None })
     }
+}
+
+/// A stop that was sent as a signal, and what the kernel tells of it.
+#[derive(Debug)]
+pub struct SignalledStop {
+    instance: Instance,
+    mark: DaemonMark,
+    /// How often the loop had gone to sleep when the signal was first seen to be taken.
+    slept: Option<u64>,
+}
+
+impl SignalledStop {
+    /// The daemon's process.
+    #[must_use]
+    pub const fn pid(&self) -> u32 {
+        self.mark.pid
+    }
+
+    /// Whether a thread has taken the signal and the loop has run a whole tick since, by the kernel's account
+    /// of the process. Ask again and again: it compares with what it saw before.
+    pub fn is_taken(&mut self) -> bool {
+        let pid = self.mark.pid;
+        if is_pending(pid) != Some(false) {
+            return false;
+        }
+        let Some(slept) = loop_has_slept(pid) else { return false };
+        // The first sleep may be the one that the signal interrupted; between two more lies a tick.
+        slept >= self.slept.get_or_insert(slept).saturating_add(2)
+            && self.instance.daemon() == Some(self.mark)
+    }
+}
+
+/// Whether SIGUSR1 still waits for a thread of the process that takes it.
+fn is_pending(pid: u32) -> Option<bool> {
+    let status = fs::read_to_string(format!("/proc/{pid}/status")).ok()?;
+    let mask = u64::from_str_radix(line_of(&status, "ShdPnd:")?, 16).ok()?;
+    Some(mask >> (libc::SIGUSR1 - 1) & 1 == 1)
+}
+
+/// How often the loop's thread has gone to sleep by itself, which it does once per period.
+fn loop_has_slept(pid: u32) -> Option<u64> {
+    let threads = fs::read_dir(format!("/proc/{pid}/task")).ok()?.flatten().map(|entry| entry.path());
+    let named = |path: &PathBuf| fs::read_to_string(path.join("comm")).is_ok_and(|name| name.trim() == LOOP);
+    let status = fs::read_to_string(threads.into_iter().find(named)?.join("status")).ok()?;
+    line_of(&status, "voluntary_ctxt_switches:")?.parse().ok()
+}
+
+/// What follows `name` in a file of lines such as `/proc/PID/status`.
+fn line_of<'a>(text: &'a str, name: &str) -> Option<&'a str> {
+    text.lines().find_map(|line| line.strip_prefix(name)).map(str::trim)
 }
 
 /// Whether `pid`, in this process's namespace, holds a write lock on the file; `None` if unknown.
@@ -213,9 +266,9 @@ fn holds_lock(pid: u32, file: &fs::Metadata) -> Option<bool> {
 
 /// Whether the process handles SIGUSR1, which would kill it otherwise.
 fn catches_stop(pid: u32) -> bool {
-    let status = File::open(format!("/proc/{pid}/status")).and_then(io::read_to_string).unwrap_or_default();
-    let caught = status.lines().find_map(|line| line.strip_prefix("SigCgt:"));
-    let caught = caught.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok()).unwrap_or(0);
+    let status = fs::read_to_string(format!("/proc/{pid}/status")).unwrap_or_default();
+    let caught = line_of(&status, "SigCgt:");
+    let caught = caught.and_then(|mask| u64::from_str_radix(mask, 16).ok()).unwrap_or(0);
     caught >> (libc::SIGUSR1 - 1) & 1 == 1
 }
 

@@ -4,11 +4,13 @@
 //! never reach the user.
 
 use std::path::PathBuf;
+use std::time::Duration;
 
+use iceoryx2::config::Config;
 use iceoryx2::node::NodeCreationFailure;
 use iceoryx2::prelude::{LogLevel, Node, NodeBuilder, NodeName, SignalHandlingMode, ipc, set_log_level};
 
-use crate::instance::occupancy::InstanceLock;
+use crate::instance::occupancy::{DaemonMark, InstanceLock};
 use crate::instance::place::PlaceError;
 use crate::instance::root::{Instance, InstanceError};
 
@@ -103,6 +105,30 @@ pub enum ServiceError {
         /// Their location.
         root: PathBuf,
     },
+    /// Files that the middleware would wait for until they grow. Their creator was killed while it made them,
+    /// or somebody has cut them.
+    #[error(
+        "attaching would hang: {} of this instance in /dev/shm {} empty: remove {} (`rm {}`), or end all \
+         programs of the instance and start its daemon",
+        if files.len() == 1 { "a file" } else { "files" }, if files.len() == 1 { "is" } else { "are" },
+        if files.len() == 1 { "it" } else { "them" }, listed(files)
+    )]
+    Empty {
+        /// The files.
+        files: Vec<PathBuf>,
+    },
+    /// The middleware did not come back.
+    #[error(
+        "attaching hangs: the middleware has not answered for {} ms: files of the instance in /dev/shm or {} \
+         are damaged: end all programs of the instance, then start its daemon, which removes them",
+        waited.as_millis(), root.display()
+    )]
+    Hangs {
+        /// How long it was waited for.
+        waited: Duration,
+        /// Root of the instance.
+        root: PathBuf,
+    },
     /// The system refuses access.
     #[error("{service}: no permission to use the shared memory: run as the same user as the daemon")]
     Permission {
@@ -151,6 +177,11 @@ impl ServiceError {
     }
 }
 
+/// The first of some files, for a shell.
+fn listed(files: &[PathBuf]) -> String {
+    files.iter().take(3).map(|file| file.display().to_string()).collect::<Vec<_>>().join(" ")
+}
+
 /// Who holds places, if that is known.
 fn by(pids: &[u32]) -> String {
     if pids.is_empty() { String::new() } else { format!(", by processes {pids:?}") }
@@ -186,7 +217,7 @@ impl Session {
     ///
     /// `Permission`, `Middleware`, `Instance`.
     pub fn create(instance: &Instance, name: &str, _lock: &InstanceLock) -> Result<Self, ServiceError> {
-        Self::join(instance, name)
+        Self::join(instance, instance.config(), name)
     }
 
     /// Joins an instance whose daemon is up; leaves no trace if there is none.
@@ -195,6 +226,27 @@ impl Session {
     ///
     /// `NoDaemon`, `NoSpace`, `Permission`, `Middleware`, `Instance`.
     pub fn open(instance: &Instance, name: &str) -> Result<Self, ServiceError> {
+        Self::daemon_of(instance)?;
+        match crate::os::shared_memory_free_bytes() {
+            Some(free) if free < PEER_MEMORY_LIMIT_BYTES => {
+                Err(ServiceError::NoSpace { free, needed: PEER_MEMORY_LIMIT_BYTES })
+            }
+            _ => {
+                // Who leaves need not clean up after others, which damaged files can make hang: whoever comes
+                // next does it, and the last one removes everything (`Instance::tidy_up`).
+                let mut config = instance.config().clone();
+                config.global.node.cleanup_dead_nodes_on_destruction = false;
+                Self::join(instance, &config, name)
+            }
+        }
+    }
+
+    /// The daemon of `instance`; asks nothing of the middleware, which damaged files can make hang.
+    ///
+    /// # Errors
+    ///
+    /// `NoDaemon`, `Instance`.
+    pub fn daemon_of(instance: &Instance) -> Result<DaemonMark, ServiceError> {
         let no_daemon = || ServiceError::no_daemon(instance);
         match instance.check_root() {
             Err(InstanceError::Io { source, .. }) if source.kind() == std::io::ErrorKind::NotFound => {
@@ -202,13 +254,7 @@ impl Session {
             }
             checked => checked?,
         }
-        instance.daemon().ok_or_else(no_daemon)?;
-        match crate::os::shared_memory_free_bytes() {
-            Some(free) if free < PEER_MEMORY_LIMIT_BYTES => {
-                Err(ServiceError::NoSpace { free, needed: PEER_MEMORY_LIMIT_BYTES })
-            }
-            _ => Self::join(instance, name),
-        }
+        instance.daemon().ok_or_else(no_daemon)
     }
 
     /// The instance joined.
@@ -216,13 +262,13 @@ impl Session {
         &self.instance
     }
 
-    fn join(instance: &Instance, name: &str) -> Result<Self, ServiceError> {
+    fn join(instance: &Instance, config: &Config, name: &str) -> Result<Self, ServiceError> {
         // Its messages mean nothing to our users; every failure is returned as an error that does.
         set_log_level(LogLevel::Fatal);
         let failed = |detail: String| ServiceError::Middleware { service: "foretrace", detail };
         let node = NodeBuilder::new()
             .name(&NodeName::new(name).map_err(|error| failed(error.to_string()))?)
-            .config(instance.config())
+            .config(config)
             .signal_handling_mode(SignalHandlingMode::Disabled)
             .create::<ipc::Service>()
             .map_err(|error| match error {

@@ -118,6 +118,11 @@ impl fmt::Display for Rejection {
             }
             RejectReason::UnknownEnum if !value.is_nan() => write!(f, " = {value} is not a known value"),
             RejectReason::FromTheFuture if value.is_nan() => write!(f, " lies in the future"),
+            RejectReason::FromTheFuture if field == "sent_ns" => write!(
+                f,
+                " lies {value:.3} s in the future, allowed {bound:.3} s: date an order by CLOCK_MONOTONIC, when \
+                 it was decided"
+            ),
             RejectReason::FromTheFuture if value > ANOTHER_CLOCK_S => write!(
                 f,
                 " lies {value:.0} s in the future: the time of day? Stamp by CLOCK_MONOTONIC \

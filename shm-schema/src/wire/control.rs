@@ -11,6 +11,9 @@ use super::vocabulary::{ControlOp, ControlStatus, RejectReason};
 /// Bytes of the text in a response.
 pub const MESSAGE_BYTES: usize = 160;
 
+/// How far ahead of the clock an order may be dated \[ns\]: that of a page is measured to some milliseconds.
+pub const ORDER_AHEAD_NS: u64 = 100_000_000;
+
 wire! {
     /// One request.
     "foretrace.ControlRequestV3"
@@ -60,6 +63,22 @@ impl ControlRequest {
     /// A request without parameters.
     pub fn new(token: u64, boot_id: u64, op: ControlOp) -> Self {
         Self { token, boot_id, op: op.into(), predictor: PredictorName::NONE, value: 0.0, sent_ns: 0 }
+    }
+
+    /// Checks at `now_ns` that an order is not dated ahead by more than [`ORDER_AHEAD_NS`]: dated after a
+    /// stop that comes meanwhile, it would outrank it. What ends motion counts whatever its date.
+    ///
+    /// # Errors
+    ///
+    /// `FromTheFuture`.
+    pub fn check_date(&self, now_ns: u64) -> Result<(), Rejection> {
+        let ahead_ns = self.sent_ns.saturating_sub(now_ns);
+        let dateless = [ControlOp::Stop, ControlOp::Disarm, ControlOp::Query].map(u32::from);
+        if ahead_ns <= ORDER_AHEAD_NS || dateless.contains(&self.op) {
+            return Ok(());
+        }
+        Err(Rejection::new(RejectReason::FromTheFuture, "sent_ns")
+            .because(ahead_ns as f64 * 1e-9, ORDER_AHEAD_NS as f64 * 1e-9))
     }
 }
 
@@ -140,6 +159,29 @@ mod tests {
             let request = ControlRequest { value, ..request(ControlOp::SetTrust) };
             assert_eq!(request.validate().is_ok(), ok, "{value}");
         }
+    }
+
+    #[test]
+    fn orders_dated_ahead_are_refused_with_amount_and_bound_and_stops_never() {
+        let now = 7_000_000_000;
+        for op in ControlOp::ALL {
+            let ends = [ControlOp::Stop, ControlOp::Disarm, ControlOp::Query].contains(op);
+            for (sent_ns, ok) in [
+                (0, true),
+                (now, true),
+                (now + ORDER_AHEAD_NS, true),
+                (now + ORDER_AHEAD_NS + 1, ends),
+                (now + 5_000_000_000, ends),
+                (u64::MAX, ends),
+            ] {
+                let checked = ControlRequest { sent_ns, ..request(*op) }.check_date(now);
+                assert_eq!(checked.is_ok(), ok, "{op} {sent_ns}");
+            }
+        }
+        let early = ControlRequest { sent_ns: now + 5_000_000_000, ..request(ControlOp::Arm) };
+        let words = early.check_date(now).unwrap_err().to_string();
+        assert!(words.contains("5.000 s in the future, allowed 0.100 s"), "{words}");
+        assert!(words.len() <= MESSAGE_BYTES, "{words}");
     }
 
     #[test]

@@ -12,7 +12,7 @@ use super::flags::{arm_flags, command_flags};
 use super::header::Header;
 use super::layout::wire;
 use super::robot_mode::{RobotMode, SafetyMode};
-use super::vocabulary::Mode;
+use super::vocabulary::{EffortUnit, Mode};
 
 wire! {
     /// Joint positions to be reached at `header.stamp_ns`, one control period after the tick that made them.
@@ -43,7 +43,7 @@ wire! {
 
 wire! {
     /// Measured state of the arm.
-    "foretrace.JointStateV3"
+    "foretrace.JointStateV4"
     pub struct JointState {
         /// Stamp: when it was measured, on this host's clock.
         pub header: Header,
@@ -65,12 +65,16 @@ wire! {
         pub q: [f64; JOINTS],
         /// Joint velocities \[rad/s\].
         pub qd: [f64; JOINTS],
-        /// Joint currents \[A\] or torques \[Nm\], whichever the arm reports; 0: none.
+        /// Joint currents or torques, positive along each joint's axis, in `effort_unit`.
         pub effort: [f64; JOINTS],
         /// [`SafetyMode`].
         pub safety_mode: u32,
         /// [`RobotMode`].
         pub robot_mode: u32,
+        /// [`EffortUnit`]; 0: the arm reports no effort.
+        pub effort_unit: u32,
+        /// Zero.
+        pub reserved: u32,
         /// The line to the arm's controller.
         pub line: ArmLine,
     }
@@ -94,7 +98,7 @@ wire! {
 pub const JOINT_POSITION_LIMIT_RAD: f64 = 4.0 * std::f64::consts::PI;
 /// Largest joint velocity on the wire \[rad/s\].
 pub const JOINT_VELOCITY_LIMIT_RADPS: f64 = 100.0;
-/// Largest effort on the wire \[A\] or \[Nm\].
+/// Largest effort on the wire, in any unit.
 pub const EFFORT_LIMIT: f64 = 1e5;
 
 impl JointState {
@@ -124,6 +128,7 @@ impl Validate for JointState {
         within("effort", &self.effort, EFFORT_LIMIT)?;
         known::<_, SafetyMode>("safety_mode", self.safety_mode)?;
         known::<_, RobotMode>("robot_mode", self.robot_mode)?;
+        known::<_, EffortUnit>("effort_unit", self.effort_unit)?;
         flags("line.flags", self.line.flags, arm_flags::ALL)
     }
 }
@@ -161,6 +166,8 @@ mod tests {
         assert_eq!(state.validate().unwrap_err().field, "safety_mode");
         let state = JointState { robot_mode: 10, ..Default::default() };
         assert_eq!(state.validate().unwrap_err().field, "robot_mode");
+        let state = JointState { effort_unit: 4, ..Default::default() };
+        assert_eq!(state.validate(), Err(Rejection::new(RejectReason::UnknownEnum, "effort_unit")));
         let line = ArmLine { flags: 2, ..Default::default() };
         let state = JointState { line, ..Default::default() };
         assert_eq!(state.validate(), Err(Rejection::new(RejectReason::UnknownFlags, "line.flags")));

@@ -49,6 +49,8 @@ wire_enum! {
         PenSequence = 17 => "pen_sequence",
         /// Echoed time of acceptance.
         CommandAccepted = 18 => "command_accepted_ns",
+        /// Unit of the joint currents or torques.
+        EffortUnit = 19 => "effort_unit",
     }
 }
 
@@ -134,9 +136,19 @@ mod tests {
 
     #[test]
     fn every_field_that_is_checked_has_a_number() {
-        for field in
-            ["q", "qd", "effort", "safety_mode", "robot_mode", "x_m", "y_m", "pressure", "flags", "stamp_ns"]
-        {
+        for field in [
+            "q",
+            "qd",
+            "effort",
+            "effort_unit",
+            "safety_mode",
+            "robot_mode",
+            "x_m",
+            "y_m",
+            "pressure",
+            "flags",
+            "stamp_ns",
+        ] {
             assert!(
                 RejectField::from_label(field).is_some_and(|known| known != RejectField::Other),
                 "{field}"

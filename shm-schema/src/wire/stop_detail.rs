@@ -38,6 +38,10 @@ wire_enum! {
         LateTicks = 12 => "late ticks",
         /// An obstacle is nearer than the arm may come to it \[m\].
         Clearance = 13 => "too near",
+        /// A joint does not answer its commands as the rest of the arm does, and takes the tool away \[m\].
+        Response = 14 => "response of a joint",
+        /// A joint's effort is off what its motion needs in free space \[Nm\].
+        Effort = 15 => "effort",
     }
 }
 
@@ -117,6 +121,15 @@ impl fmt::Display for StopDetail {
             StopCause::Clearance => {
                 write!(f, "an obstacle is {amount_mm:.1} mm from the arm, which keeps {limit_mm:.1} mm away")
             }
+            StopCause::Response => write!(
+                f,
+                "joint {joint} does not answer as the rest of the arm: it takes the tool {amount_mm:.1} mm from \
+                 where it would be, limit {limit_mm:.1} mm"
+            ),
+            StopCause::Effort => write!(
+                f,
+                "joint {joint} bears {amount:.1} Nm more than its motion needs, limit {limit:.1} Nm for long"
+            ),
             StopCause::LateTicks => write!(
                 f,
                 "{:.0} % of the recent ticks ended after their deadline, limit {:.0} %",
@@ -167,8 +180,10 @@ mod tests {
                 StopCause::ToolDeviation
                 | StopCause::Height
                 | StopCause::Workspace
-                | StopCause::Clearance => ["250.0", "125.0"],
+                | StopCause::Clearance
+                | StopCause::Response => ["250.0", "125.0"],
                 StopCause::SlowArm | StopCause::LateTicks => ["25 %", "12 %"],
+                StopCause::Effort => ["0.2 Nm", "0.1 Nm"],
                 _ => ["0.250", "0.125"],
             };
             assert!(text.contains(amount) && text.contains(limit), "{text}");

@@ -14,7 +14,7 @@ use super::header::Header;
 use super::layout::wire;
 use super::predictor_name::PredictorName;
 use super::stop_detail::{StopCause, StopDetail};
-use super::vocabulary::{ControlOp, FaultReason, Mode, Rung};
+use super::vocabulary::{ControlOp, EffortUnit, FaultReason, Mode, Rung};
 
 /// Pen samples in one part.
 pub const PEN_PER_PART: usize = 8;
@@ -44,7 +44,7 @@ wire! {
 
 wire! {
     /// One tick's input and its command.
-    "foretrace.TickInputV1"
+    "foretrace.TickInputV2"
     pub struct TickInput {
         /// Stamp: end of the tick.
         pub header: Header,
@@ -80,6 +80,12 @@ wire! {
         pub joints_q: [f64; JOINTS],
         /// Joint velocities \[rad/s\].
         pub joints_qd: [f64; JOINTS],
+        /// Joint efforts, in `effort_unit`.
+        pub joints_effort: [f64; JOINTS],
+        /// [`EffortUnit`]; 0: none.
+        pub effort_unit: u32,
+        /// Zero.
+        pub reserved: u32,
         /// Stamp of the newest dead-man message, if one arrived \[ns\].
         pub enable_ns: u64,
         /// Version of the weights offered, if there were any.
@@ -133,6 +139,7 @@ impl Validate for TickInput {
         known::<_, ControlOp>("request", self.request)?;
         known::<_, FaultReason>("halt", self.halt)?;
         known::<_, StopCause>("halt_detail.cause", self.halt_detail.cause)?;
+        known::<_, EffortUnit>("effort_unit", self.effort_unit)?;
         known::<_, Mode>("mode", self.mode)?;
         known::<_, Rung>("rung", self.rung)?;
         known::<_, FaultReason>("fault", self.fault)?;

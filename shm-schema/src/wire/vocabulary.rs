@@ -263,6 +263,22 @@ wire_enum! {
         Envelope = 12 => "tool envelope",
         /// Something held the arm up on its way home.
         WayBlocked = 13 => "held up on the way home",
+        /// The arm touches something, by the efforts that it reports.
+        Contact = 14 => "contact",
+    }
+}
+
+wire_enum! {
+    /// What the efforts of a joint state are given in.
+    pub enum EffortUnit: u32 {
+        /// The arm reports none.
+        None = 0 => "none",
+        /// Torque \[Nm\].
+        NewtonMetres = 1 => "Nm",
+        /// Motor current \[A\].
+        Amperes = 2 => "A",
+        /// Share of the joint's effort limit in the URDF, −1 to 1.
+        Share = 3 => "share of the limit",
     }
 }
 

@@ -52,7 +52,7 @@ fn layouts_are_pinned() {
         0xed124580c0d91ddc,
     );
     pinned::<JointState>(
-        264,
+        272,
         8,
         &[
             ("header", 0, 24),
@@ -68,9 +68,11 @@ fn layouts_are_pinned() {
             ("effort", 176, 48),
             ("safety_mode", 224, 4),
             ("robot_mode", 228, 4),
-            ("line", 232, 32),
+            ("effort_unit", 232, 4),
+            ("reserved", 236, 4),
+            ("line", 240, 32),
         ],
-        0xe7ea8b1a2e87f899,
+        0xfa3fef3231697b93,
     );
     pinned::<Enable>(32, 8, &[("header", 0, 24), ("stop", 24, 4), ("reserved", 28, 4)], 0x3c1fff8545064dfc);
     pinned::<PredictorName>(28, 1, &[("bytes", 0, 28)], 0x08c660f65a7c8001);
@@ -394,7 +396,7 @@ fn layouts_of_recorded_inputs_are_pinned() {
         0x8d484428f616a6a6,
     );
     pinned::<TickInput>(
-        856,
+        912,
         8,
         &[
             ("header", 0, 24),
@@ -414,21 +416,24 @@ fn layouts_of_recorded_inputs_are_pinned() {
             ("joints_ns", 144, 8),
             ("joints_q", 152, 48),
             ("joints_qd", 200, 48),
-            ("enable_ns", 248, 8),
-            ("weights_version", 256, 8),
-            ("command_ns", 264, 8),
-            ("valid_until_ns", 272, 8),
-            ("q", 280, 48),
-            ("qd", 328, 48),
-            ("trust", 376, 8),
-            ("weights_used", 384, 8),
-            ("mode", 392, 4),
-            ("rung", 396, 4),
-            ("fault", 400, 4),
-            ("health", 404, 4),
-            ("pen", 408, 448),
+            ("joints_effort", 248, 48),
+            ("effort_unit", 296, 4),
+            ("reserved", 300, 4),
+            ("enable_ns", 304, 8),
+            ("weights_version", 312, 8),
+            ("command_ns", 320, 8),
+            ("valid_until_ns", 328, 8),
+            ("q", 336, 48),
+            ("qd", 384, 48),
+            ("trust", 432, 8),
+            ("weights_used", 440, 8),
+            ("mode", 448, 4),
+            ("rung", 452, 4),
+            ("fault", 456, 4),
+            ("health", 460, 4),
+            ("pen", 464, 448),
         ],
-        0xdcd45cdcd03df669,
+        0x2aee40fa31bf27d1,
     );
     pinned::<Piece>(
         4168,

@@ -16,8 +16,8 @@ use crate::failure::Failure;
 /// `foretrace arm ...`
 #[derive(Debug, clap::Subcommand)]
 pub(crate) enum ArmCommand {
-    Sim(sim::SimArgs),
-    Ur(ur::UrArgs),
+    Sim(Box<sim::SimArgs>),
+    Ur(Box<ur::UrArgs>),
 }
 
 pub(crate) fn run(command: &ArmCommand) -> Result<(), Failure> {

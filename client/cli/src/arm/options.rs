@@ -1,6 +1,6 @@
-//! The properties of the simulated arm: delay, jitter and speed.
+//! The properties of the simulated arm: delay, jitter and speed; joints that are not ideal.
 
-use foretrace_sim::arm::{ArmSettings, DelayChange, DelaySettings, Fault};
+use foretrace_sim::arm::{ArmSettings, DelayChange, DelaySettings, Fault, JOINTS, Mechanics};
 
 /// Properties of the simulated arm, for `foretrace arm sim`.
 #[derive(Debug, Clone, PartialEq, clap::Args)]
@@ -33,9 +33,117 @@ pub(crate) struct LagArgs {
 
     /// Inject a fault this many seconds after the arm's first cycle: stuck, paused; locked, frozen (in its
     /// report), flipped or wrapped (by a turn) with a joint as VALUE; offset, runaway, slow, oscillation with
-    /// a size
+    /// a size; ceiling (of its speed), gain, stiction with JOINT:SIZE
     #[arg(long, value_name = "KIND@S[:VALUE]")]
     pub(crate) fault: Option<Fault>,
+
+    /// Largest speed of the joints [rad/s], 0 to 3.342, for all or as JOINT:RADPS,... [default: 3.342]
+    #[arg(long, value_name = "RADPS", value_parser = speed)]
+    pub(crate) joint_speed_radps: Option<PerJoint>,
+
+    #[command(flatten)]
+    pub(crate) joints: JointArgs,
+}
+
+/// Joints that are not ideal; all off by default.
+#[derive(Debug, Clone, Default, PartialEq, clap::Args)]
+pub(crate) struct JointArgs {
+    /// Damping ratio of the servo at the same group delay, 0.1 to 10: below 1 it overshoots; a literal servoj
+    /// has look-ahead [s] · √gain / 2 [default: 1]
+    #[arg(long, value_name = "ZETA", value_parser = damping)]
+    pub(crate) damping: Option<f64>,
+
+    /// Stiction: a joint at rest does not move until it is led by more than this [mrad], 0 to 500; for all
+    /// joints, or as JOINT:MRAD,... with joints from 0 at the base [default: 0]
+    #[arg(long, value_name = "MRAD", value_parser = milliradians)]
+    pub(crate) stiction_mrad: Option<PerJoint>,
+
+    /// Coulomb friction: a joint that moves stays this far behind what leads it [mrad], 0 to 500
+    #[arg(long, value_name = "MRAD", value_parser = milliradians)]
+    pub(crate) coulomb_mrad: Option<PerJoint>,
+
+    /// Backlash: dead band between motor and measured joint [mrad], 0 to 500
+    #[arg(long, value_name = "MRAD", value_parser = milliradians)]
+    pub(crate) backlash_mrad: Option<PerJoint>,
+
+    /// Share of its way that a joint goes, 0 to 2 [default: 1]
+    #[arg(long, value_name = "GAIN", value_parser = gain)]
+    pub(crate) gain: Option<PerJoint>,
+
+    /// Encoder step: positions are reported in steps of this [mrad], 0 to 500
+    #[arg(long, value_name = "MRAD", value_parser = milliradians)]
+    pub(crate) encoder_step_mrad: Option<PerJoint>,
+
+    /// Payload sag of the shoulder lift with the arm stretched out level [mrad], -500 to 500; less elsewhere,
+    /// with the gravity torque of a mass at the wrist
+    #[arg(long, value_name = "MRAD", value_parser = sag)]
+    pub(crate) sag_mrad: Option<f64>,
+}
+
+impl JointArgs {
+    /// Damping ratio of the servo.
+    pub(crate) fn damping(&self) -> f64 {
+        self.damping.unwrap_or(1.0)
+    }
+
+    /// The rest.
+    pub(crate) fn mechanics(&self) -> Mechanics {
+        let radians =
+            |given: &Option<PerJoint>| PerJoint::or(given.as_ref(), [0.0; JOINTS]).map(|mrad| mrad * 1e-3);
+        Mechanics {
+            stiction_rad: radians(&self.stiction_mrad),
+            coulomb_rad: radians(&self.coulomb_mrad),
+            backlash_rad: radians(&self.backlash_mrad),
+            gain: PerJoint::or(self.gain.as_ref(), [1.0; JOINTS]),
+            encoder_step_rad: radians(&self.encoder_step_mrad),
+            sag_rad: self.sag_mrad.unwrap_or(0.0) * 1e-3,
+        }
+    }
+}
+
+/// A number for all joints, or for some of them.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct PerJoint([Option<f64>; JOINTS]);
+
+impl PerJoint {
+    /// `text` as one number for all, or JOINT:NUMBER,..., each from `low` to `high`.
+    fn read(text: &str, [low, high]: [f64; 2]) -> Result<Self, String> {
+        let wrong =
+            || format!("a number from {low} to {high}, or JOINT:NUMBER,... with joints 0 to {}", JOINTS - 1);
+        let number = |text: &str| {
+            text.parse::<f64>().ok().filter(|value| (low..=high).contains(value)).ok_or_else(wrong)
+        };
+        if !text.contains(':') {
+            return Ok(Self([Some(number(text)?); JOINTS]));
+        }
+        let mut all = [None; JOINTS];
+        for part in text.split(',') {
+            let (joint, value) = part.split_once(':').ok_or_else(wrong)?;
+            let place = joint.parse::<usize>().ok().and_then(|joint| all.get_mut(joint)).ok_or_else(wrong)?;
+            if place.replace(number(value)?).is_some() {
+                return Err(format!("joint {joint} twice"));
+            }
+        }
+        Ok(Self(all))
+    }
+
+    /// What is given, else of `usual`.
+    fn or(given: Option<&Self>, usual: [f64; JOINTS]) -> [f64; JOINTS] {
+        let mut all = usual;
+        for (value, given) in all.iter_mut().zip(given.iter().flat_map(|given| given.0)) {
+            *value = given.unwrap_or(*value);
+        }
+        all
+    }
+}
+
+impl std::fmt::Display for PerJoint {
+    /// As it is read.
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let given = self.0.iter().enumerate().filter_map(|(joint, value)| Some((joint, (*value)?)));
+        let parts: Vec<String> = given.map(|(joint, value)| format!("{joint}:{value}")).collect();
+        f.write_str(&parts.join(","))
+    }
 }
 
 impl LagArgs {
@@ -48,11 +156,15 @@ impl LagArgs {
             seed: self.jitter_seed,
             change,
         };
+        let plain = ArmSettings::ur5(cycle_s, self.look_ahead_ms * 1e-3);
         ArmSettings {
             delay,
             speed_scaling: self.speed_scaling,
+            damping: self.joints.damping(),
+            velocity_radps: PerJoint::or(self.joint_speed_radps.as_ref(), plain.velocity_radps),
+            mechanics: self.joints.mechanics(),
             fault: self.fault,
-            ..ArmSettings::ur5(cycle_s, self.look_ahead_ms * 1e-3)
+            ..plain
         }
     }
 }
@@ -83,6 +195,38 @@ pub(crate) struct StartedArmArgs {
     /// Inject a fault into the arm: KIND@SECONDS[:VALUE], as `foretrace arm sim --fault`
     #[arg(long, value_name = "KIND@S[:VALUE]", value_parser = fault)]
     arm_fault: Option<String>,
+
+    /// Largest speed of the arm's joints [rad/s], for all or as JOINT:RADPS,... [default: 3.342]
+    #[arg(long, value_name = "RADPS", value_parser = speed)]
+    arm_joint_speed_radps: Option<PerJoint>,
+
+    /// Damping ratio of the arm's servo, 0.1 to 10 [default: 1]
+    #[arg(long, value_name = "ZETA", value_parser = damping)]
+    arm_damping: Option<f64>,
+
+    /// Stiction of the arm [mrad], as `foretrace arm sim --stiction-mrad`
+    #[arg(long, value_name = "MRAD", value_parser = milliradians)]
+    arm_stiction_mrad: Option<PerJoint>,
+
+    /// Coulomb friction of the arm [mrad]
+    #[arg(long, value_name = "MRAD", value_parser = milliradians)]
+    arm_coulomb_mrad: Option<PerJoint>,
+
+    /// Backlash of the arm [mrad]
+    #[arg(long, value_name = "MRAD", value_parser = milliradians)]
+    arm_backlash_mrad: Option<PerJoint>,
+
+    /// Gain of the arm's joints, 0 to 2 [default: 1]
+    #[arg(long, value_name = "GAIN", value_parser = gain)]
+    arm_gain: Option<PerJoint>,
+
+    /// Encoder step of the arm [mrad]
+    #[arg(long, value_name = "MRAD", value_parser = milliradians)]
+    arm_encoder_step_mrad: Option<PerJoint>,
+
+    /// Payload sag of the arm [mrad], -500 to 500
+    #[arg(long, value_name = "MRAD", value_parser = sag)]
+    arm_sag_mrad: Option<f64>,
 }
 
 impl StartedArmArgs {
@@ -90,6 +234,7 @@ impl StartedArmArgs {
     pub(crate) fn arguments(&self) -> Vec<String> {
         let change = self.arm_lag_change.map(|(s, ms)| format!("{s}:{ms}"));
         let number = |value: Option<f64>| value.map(|value| value.to_string());
+        let joints = |value: &Option<PerJoint>| value.as_ref().map(PerJoint::to_string);
         let all = [
             ("--lag-ms", number(self.arm_lag_ms)),
             ("--look-ahead-ms", number(self.arm_look_ahead_ms)),
@@ -97,6 +242,14 @@ impl StartedArmArgs {
             ("--lag-change", change),
             ("--speed-scaling", number(self.arm_speed_scaling)),
             ("--fault", self.arm_fault.clone()),
+            ("--joint-speed-radps", joints(&self.arm_joint_speed_radps)),
+            ("--damping", number(self.arm_damping)),
+            ("--stiction-mrad", joints(&self.arm_stiction_mrad)),
+            ("--coulomb-mrad", joints(&self.arm_coulomb_mrad)),
+            ("--backlash-mrad", joints(&self.arm_backlash_mrad)),
+            ("--gain", joints(&self.arm_gain)),
+            ("--encoder-step-mrad", joints(&self.arm_encoder_step_mrad)),
+            ("--sag-mrad", number(self.arm_sag_mrad)),
         ];
         all.into_iter().filter_map(|(name, value)| value.map(|value| format!("{name}={value}"))).collect()
     }
@@ -113,6 +266,27 @@ fn look_ahead(text: &str) -> Result<f64, String> {
 
 fn jitter(text: &str) -> Result<f64, String> {
     within(text, 100.0).ok_or_else(|| "a number of milliseconds from 0 to 100".to_owned())
+}
+
+fn speed(text: &str) -> Result<PerJoint, String> {
+    PerJoint::read(text, [0.0, 3.342])
+}
+
+fn milliradians(text: &str) -> Result<PerJoint, String> {
+    PerJoint::read(text, [0.0, 500.0])
+}
+
+fn gain(text: &str) -> Result<PerJoint, String> {
+    PerJoint::read(text, [0.0, 2.0])
+}
+
+fn damping(text: &str) -> Result<f64, String> {
+    within(text, 10.0).filter(|zeta| *zeta >= 0.1).ok_or_else(|| "a number from 0.1 to 10".to_owned())
+}
+
+fn sag(text: &str) -> Result<f64, String> {
+    let number = text.parse::<f64>().ok().filter(|mrad| mrad.abs() <= 500.0);
+    number.ok_or_else(|| "a number of milliradians from -500 to 500".to_owned())
 }
 
 fn scaling(text: &str) -> Result<f64, String> {
@@ -178,6 +352,14 @@ mod tests {
             "--arm-jitter-ms=3",
             "--arm-lag-change=2.5:90",
             "--arm-fault=offset@3:-0.1",
+            "--arm-joint-speed-radps=2:0.3",
+            "--arm-damping=0.52",
+            "--arm-stiction-mrad=1:2.5,4:3",
+            "--arm-coulomb-mrad=1",
+            "--arm-backlash-mrad=0.5",
+            "--arm-gain=5:0.5",
+            "--arm-encoder-step-mrad=0.1",
+            "--arm-sag-mrad=-4",
         ];
         let starter = Starter::try_parse_from(words).unwrap();
         let arguments = starter.arm.arguments();
@@ -185,6 +367,21 @@ mod tests {
         assert_eq!((heard.lag_ms, heard.look_ahead_ms, heard.jitter_ms), (12.5, 0.0, 3.0));
         assert_eq!((heard.lag_change, heard.speed_scaling), (Some((2.5, 90.0)), 1.0));
         assert_eq!(heard.fault, Some(Fault { kind: FaultKind::Offset(-0.1), at_s: 3.0 }));
+        let settings = heard.settings(0.002);
+        assert_eq!(
+            (settings.damping, settings.velocity_radps[2], settings.velocity_radps[3]),
+            (0.52, 0.3, 3.342)
+        );
+        let milli = |numbers: [f64; JOINTS]| numbers.map(|number| number * 1e-3);
+        let told = Mechanics {
+            stiction_rad: milli([0.0, 2.5, 0.0, 0.0, 3.0, 0.0]),
+            coulomb_rad: milli([1.0; JOINTS]),
+            backlash_rad: milli([0.5; JOINTS]),
+            gain: [1.0, 1.0, 1.0, 1.0, 1.0, 0.5],
+            encoder_step_rad: milli([0.1; JOINTS]),
+            sag_rad: -4.0 * 1e-3,
+        };
+        assert_eq!(settings.mechanics, told);
         assert!(Starter::try_parse_from(["demo"]).unwrap().arm.arguments().is_empty());
     }
 
@@ -200,6 +397,12 @@ mod tests {
             (["--lag-change=1:900"], "S:MS"),
             (["--speed-scaling=1.5"], "0 to 1"),
             (["--fault=bent@3"], "KIND@SECONDS"),
+            (["--damping=0"], "0.1 to 10"),
+            (["--stiction-mrad=6:1"], "JOINT:NUMBER"),
+            (["--backlash-mrad=1:1,1:2"], "joint 1 twice"),
+            (["--gain=-1"], "0 to 2"),
+            (["--sag-mrad=nan"], "-500 to 500"),
+            (["--joint-speed-radps=9"], "0 to 3.342"),
         ] {
             let refused = parsed(&words).unwrap_err();
             assert!(refused.contains(range), "{words:?}: {refused}");

@@ -31,14 +31,15 @@ use crate::settings::SettingsArgs;
 ///
 /// The controller takes one command per cycle, adds the pure delay asked for and one cycle, a critically
 /// damped servo with the look-ahead as its group delay (servoj), a joint loop of 2 ms, and clamps at 3.34
-/// rad/s and 40 rad/s². It brakes by itself when no commands come. Every command received is checked against
-/// the settings' limits; the result is printed at the end.
+/// rad/s and 40 rad/s². Its joints are ideal unless told otherwise. It brakes by itself when no commands
+/// come. Every command received is checked against the settings' limits; the result is printed at the end.
 #[derive(Debug, clap::Args)]
 #[command(
     allow_negative_numbers = true,
     after_help = "Examples:\n  foretrace arm sim --lag-ms 66                  in all 100 ms late\n  \
                   foretrace arm sim --look-ahead-ms 0 --lag-ms 30  a pure delay\n  foretrace arm sim \
-                  --lag-ms 20 --jitter-ms 5 --lag-change 20:60"
+                  --lag-ms 20 --jitter-ms 5 --lag-change 20:60\n  foretrace arm sim --damping 0.52 \
+                  --stiction-mrad 1:2,2:2 --gain 5:0.5"
 )]
 pub(crate) struct SimArgs {
     /// Cycles per second of the controller [default: robot.controller_rate_hz of the settings]

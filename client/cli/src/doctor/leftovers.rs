@@ -4,7 +4,7 @@
 //! named. The middleware can hang on damaged files: every call of it has a timeout.
 
 use std::path::{Path, PathBuf};
-use std::sync::mpsc::{self, Receiver};
+use std::sync::mpsc::Receiver;
 use std::time::{Duration, Instant};
 
 use foretrace_client::Instance;
@@ -13,6 +13,7 @@ use serde::Serialize;
 
 use super::finding::Finding;
 use super::machine::{Machine, Silent};
+use crate::bounded::{asked, within};
 use crate::failure::Failure;
 
 const LEFTOVERS: &str = "leftovers";
@@ -226,22 +227,6 @@ fn owner_differs(machine: &Machine, process: &str, user: u32) -> bool {
     effective.is_some_and(|owner| owner != user)
 }
 
-/// The answer of `ask`, unless it takes too long.
-fn within<T: Send + 'static>(patience: Duration, ask: impl FnOnce() -> T + Send + 'static) -> Option<T> {
-    asked(ask)?.recv_timeout(patience).ok()
-}
-
-/// Where the answer of `ask` will come. One that hangs keeps its thread, which ends with the process.
-fn asked<T: Send + 'static>(ask: impl FnOnce() -> T + Send + 'static) -> Option<Receiver<T>> {
-    let (answer, answered) = mpsc::channel();
-    let asking = move || {
-        // The receiver may be gone.
-        let _ = answer.send(ask());
-    };
-    let spawned = std::thread::Builder::new().name("foretrace-bounded".to_owned()).spawn(asking);
-    spawned.ok().map(|_| answered)
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::finding::Level;
@@ -312,13 +297,5 @@ mod tests {
         assert_eq!(names(&made, me), [lost.prefix()]);
         made.put("proc/14/status", b"Uid:\tgarbage\n");
         assert!(names(&made, me).is_empty());
-    }
-
-    #[test]
-    fn a_question_that_takes_too_long_is_given_up() {
-        assert_eq!(within(Duration::from_secs(60), || 5), Some(5));
-        let (hold, held) = mpsc::channel::<()>();
-        assert_eq!(within(Duration::from_millis(10), move || held.recv().is_ok()), None);
-        drop(hold);
     }
 }

@@ -13,6 +13,7 @@ mod memory;
 mod leftovers;
 mod rehearsal;
 mod robot;
+mod torque;
 
 use foretrace_config::Settings;
 use serde::Serialize;
@@ -149,6 +150,7 @@ pub(crate) fn run(args: &DoctorArgs) -> Result<(), Failure> {
         rehearsal::thread(&need, restraint.as_ref(), &missing),
         rehearsal::lateness(&need, &lateness),
         rehearsal::law(&config)?,
+        torque::judge(&config),
     ];
     let report = DoctorReport {
         verdict: verdict(&checks),

@@ -1,25 +1,37 @@
 //! `foretrace lab closed-loop`: the benchmark of predictors and baselines in closed loop with simulated arms.
 
 mod pictures;
+mod trial;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use foretrace_config::Config;
-use foretrace_lab::closed_loop::{BenchArm, Benchmark, Hand, Outcome, ParetoPoint, Rival, Row, hands};
+use foretrace_lab::closed_loop::{
+    BenchArm, Benchmark, Flaws, Hand, Outcome, ParetoPoint, Rival, Row, hand_of_text, hands,
+};
 use foretrace_sim::data::{DataSet, Split, median_glyph_height};
 use foretrace_sim::path::Lift;
 use serde_json::json;
 
 use super::progress::Progress;
+use crate::arm::options::JointArgs;
 use crate::failure::Failure;
 use crate::output::{JsonArgs, note, say};
 use crate::settings::SettingsArgs;
 
+/// The hands to write, on the paper of each arm.
+type HandsOfArms = Vec<(BenchArm, Vec<Hand>)>;
+
 #[derive(Debug, clap::Args)]
 pub(crate) struct ClosedLoopArgs {
     /// Data-set folder
-    #[arg(long, value_name = "DIR")]
-    data: PathBuf,
+    #[arg(long, value_name = "DIR", required_unless_present = "text", conflicts_with = "text")]
+    data: Option<PathBuf>,
+
+    /// Instead of a set, this text in the hand of the built-in writer, hover included; may be given several
+    /// times, each in another hand
+    #[arg(long, value_name = "TEXT", conflicts_with_all = ["pareto", "split", "limit"])]
+    text: Vec<String>,
 
     /// Part of the set: a word of its split.tsv, or all [default: test if there is one, else all]
     #[arg(long, value_name = "WORD")]
@@ -47,6 +59,10 @@ pub(crate) struct ClosedLoopArgs {
     #[arg(long, value_name = "N", value_parser = super::count)]
     limit: Option<usize>,
 
+    /// At most this many hands, in the order of the files
+    #[arg(long, value_name = "N", value_parser = super::count)]
+    hands: Option<usize>,
+
     /// Add every sequence's scores to the JSON, for paired comparisons
     #[arg(long, requires = "json", conflicts_with = "pareto")]
     each: bool,
@@ -60,43 +76,54 @@ pub(crate) struct ClosedLoopArgs {
     out: PathBuf,
 
     #[command(flatten)]
+    trial: trial::TrialArgs,
+
+    #[command(flatten)]
+    joints: JointArgs,
+
+    #[command(flatten)]
     settings: SettingsArgs,
 
     #[command(flatten)]
     json: JsonArgs,
 }
 
+impl ClosedLoopArgs {
+    /// What is wrong with ur5 and slow.
+    fn flaws(&self) -> Flaws {
+        Flaws { damping: self.joints.damping(), mechanics: self.joints.mechanics() }
+    }
+}
+
 pub(super) fn run(args: &ClosedLoopArgs) -> Result<(), Failure> {
     args.json.claim_beside(&args.out)?;
     let config = args.settings.load()?;
     let rivals = rivals(&args.predictors, args.pareto)?;
-    let arms = arms(&args.arms)?;
-    let set = Set::load(args)?;
-    let lift = if args.lifts == "travel" { Lift::Travel } else { Lift::Leap };
-    let arms: Vec<_> = arms
-        .into_iter()
-        .map(|arm| Ok((arm, placed(&set, arm, &config, lift, args.limit)?)))
-        .collect::<Result<_, Failure>>()?;
-    let benchmark = Benchmark { config: &config, arms, rivals };
+    let arms = if args.trial.on_a_socket() { vec![BenchArm::Ur5] } else { arms(&args.arms)? };
+    let (title, arms) = written(args, arms, &config)?;
+    if args.trial.asked() {
+        return trial::run(args, &config, &rivals, arms, &title);
+    }
+    let benchmark = Benchmark { config: &config, arms, rivals, flaws: args.flaws() };
     if args.pareto {
-        return pareto(args, &set.title, &benchmark);
+        return pareto(args, &title, &benchmark);
     }
     let progress = Progress::of("lab closed-loop", benchmark.jobs());
     let outcomes = benchmark.run(|| progress.step()).map_err(|error| Failure::failed(error, ""))?;
     drop(progress);
     let rows = Outcome::table(&outcomes);
     if rows.is_empty() {
-        return Err(nothing(args));
+        return Err(nothing(&title));
     }
     let sequences = rows.iter().map(|row| row.sequences).max().unwrap_or(0);
-    say!("{}: {sequences} sequences\n", set.title);
+    say!("{title}: {sequences} sequences\n");
     print(&rows);
-    let title = format!("{}, {sequences} sequences", set.title);
+    let heading = format!("{title}, {sequences} sequences");
     folder(args)?;
     say!("");
-    pictures::distributions(&args.out, &title, &outcomes)?;
-    pictures::letters(&args.out, &title, &benchmark, &outcomes)?;
-    let mut result = json!({ "set": set.title, "lifts": args.lifts, "rows": rows });
+    pictures::distributions(&args.out, &heading, &outcomes)?;
+    pictures::letters(&args.out, &heading, &benchmark, &outcomes)?;
+    let mut result = json!({ "set": title, "lifts": args.lifts, "rows": rows });
     if args.each {
         result["sequences"] = json!(benchmark.each(&outcomes).collect::<Vec<_>>());
     }
@@ -111,7 +138,7 @@ fn pareto(args: &ClosedLoopArgs, title: &str, benchmark: &Benchmark<'_>) -> Resu
     let points = benchmark.pareto(|| progress.step()).map_err(|error| Failure::failed(error, ""))?;
     drop(progress);
     if points.is_empty() {
-        return Err(nothing(args));
+        return Err(nothing(title));
     }
     say!("{title}: error against jerk\n");
     say!("{:<18} {:<8} {:<34} {:>9} {:>10}", "method", "arm", "tuning", "rms mm", "rms jerk");
@@ -124,8 +151,8 @@ fn pareto(args: &ClosedLoopArgs, title: &str, benchmark: &Benchmark<'_>) -> Resu
     args.json.write(&json!({ "set": title, "lifts": args.lifts, "pareto": points }))
 }
 
-fn nothing(args: &ClosedLoopArgs) -> Failure {
-    let what = format_args!("{}: nothing in this part can be scored", args.data.display());
+fn nothing(title: &str) -> Failure {
+    let what = format_args!("{title}: nothing in this part can be scored");
     Failure::bad_input(what, "give a set with handwriting in it, or another part (--split)")
 }
 
@@ -144,11 +171,11 @@ struct Set {
 impl Set {
     /// The part to be written, and the one scale: the median glyph of the train part, or of all files without
     /// one.
-    fn load(args: &ClosedLoopArgs) -> Result<Self, Failure> {
+    fn load(args: &ClosedLoopArgs, folder: &Path) -> Result<Self, Failure> {
         let wrong = |error: &dyn std::fmt::Display| {
             Failure::bad_input(error, "give a data-set folder (--data) and a part of it (--split)")
         };
-        let words = DataSet::splits(&args.data).map_err(|error| wrong(&error))?;
+        let words = DataSet::splits(folder).map_err(|error| wrong(&error))?;
         let has = |wanted: &str| words.iter().any(|word| word == wanted);
         let named = |word: &str| word.parse::<Split>().map_err(|error| wrong(&error));
         let split = match &args.split {
@@ -156,14 +183,14 @@ impl Set {
             None if has("test") => Split::test(),
             None => Split::All,
         };
-        let scored = DataSet::load(&args.data, &split, args.strict).map_err(|error| wrong(&error))?;
+        let scored = DataSet::load(folder, &split, args.strict).map_err(|error| wrong(&error))?;
         for error in &scored.errors {
             note!("lab: left out: {error}");
         }
         let scale_by = if has("train") { named("train")? } else { Split::All };
-        let scale = DataSet::load(&args.data, &scale_by, args.strict).map_err(|error| wrong(&error))?;
+        let scale = DataSet::load(folder, &scale_by, args.strict).map_err(|error| wrong(&error))?;
         let median_height = median_glyph_height(scale.characters()).ok_or_else(|| {
-            wrong(&format_args!("{}: no glyph with a height to scale by", args.data.display()))
+            wrong(&format_args!("{}: no glyph with a height to scale by", folder.display()))
         })?;
         let title = match &split {
             Split::All => scored.name.clone(),
@@ -171,6 +198,35 @@ impl Set {
         };
         Ok(Self { scored, title, median_height })
     }
+}
+
+/// What every arm writes, and its name.
+fn written(
+    args: &ClosedLoopArgs,
+    arms: Vec<BenchArm>,
+    config: &Config,
+) -> Result<(String, HandsOfArms), Failure> {
+    let Some(folder) = &args.data else {
+        let texts = |arm| {
+            let styles = (1..).zip(&args.text);
+            let hand = |(style, text): (u64, &String)| {
+                hand_of_text(text, style, arm, config).map_err(|error| {
+                    Failure::bad_input(format_args!("--text {text:?}: {error}"), "give another text")
+                })
+            };
+            Ok((arm, styles.map(hand).collect::<Result<Vec<_>, Failure>>()?))
+        };
+        return Ok(("built-in writer".to_owned(), arms.into_iter().map(texts).collect::<Result<_, _>>()?));
+    };
+    let set = Set::load(args, folder)?;
+    let lift = if args.lifts == "travel" { Lift::Travel } else { Lift::Leap };
+    let placed = |arm| {
+        let mut hands = placed(&set, arm, config, lift, args.limit)?;
+        hands.truncate(args.hands.unwrap_or(usize::MAX));
+        Ok((arm, hands))
+    };
+    let arms = arms.into_iter().map(placed).collect::<Result<_, Failure>>()?;
+    Ok((set.title, arms))
 }
 
 fn placed(

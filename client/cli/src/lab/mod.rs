@@ -46,7 +46,7 @@ pub(crate) enum LabCommand {
     /// Errors are between tool and pen at the same instant, hover included. `ideal` and `delay30` have no
     /// motion limits and letters of 0.1 m; `ur5` and `slow` are simulated UR5s with all limits and letters of
     /// 0.03 m.
-    ClosedLoop(closed_loop::ClosedLoopArgs),
+    ClosedLoop(Box<closed_loop::ClosedLoopArgs>),
     /// Make table 1 of the paper: every predictor one to ten steps ahead, on the test writers of a data set
     ///
     /// Models that learn online pass over the train writers first (DyBM three times). PS-B and PS-LSTM are

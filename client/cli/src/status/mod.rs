@@ -15,6 +15,7 @@ use foretrace_client::{Foretrace, Status, StatusReader, monotonic_now_ns};
 use serde_json::Value;
 
 use crate::attach::{Lookout, News, unattached};
+use crate::bounded;
 use crate::failure::{Cause, Failure};
 use crate::interrupt::Interrupt;
 use crate::output::{JsonArgs, clear_screen, say};
@@ -24,6 +25,8 @@ use held::Held;
 
 /// The daemon publishes its status ten times per second.
 const PATIENCE: Duration = Duration::from_secs(2);
+/// Longest time for attaching and for that, whatever lies in shared memory.
+const LONGEST: Duration = Duration::from_secs(8);
 
 /// Show the daemon's mode, rates, latencies, losses, trust and learner
 ///
@@ -60,17 +63,30 @@ pub(crate) fn run(args: &StatusArgs) -> Result<(), Failure> {
         let what = "--watch writes its JSON to stdout only, a line per second";
         return Err(Failure::usage(what, "use --json -"));
     }
-    let foretrace = args.instance.attach()?;
-    let mut reader = foretrace.status().map_err(unattached)?;
     if args.watch {
+        let foretrace = args.instance.attach()?;
+        let reader = foretrace.status().map_err(unattached)?;
         return watch(args, foretrace, reader);
     }
-    let status = reader.next_within(PATIENCE).ok_or_else(|| silent(&foretrace))?;
-    let held = Held::of(foretrace.instance());
+    let instance = args.instance.clone();
+    let newest = bounded::within(LONGEST, move || newest(&instance)).unwrap_or_else(|| {
+        let what = format!("no status within {} s: attaching hangs", LONGEST.as_secs());
+        let remedy = "see `foretrace doctor`; `foretrace request stop` does not need to attach";
+        Err(Failure::failed(what, remedy))
+    });
+    let (status, held) = newest?;
     let figures = view::json(&status, &held);
     say!("{}", view::text(&status, &held, status.header.age_ns(monotonic_now_ns())).trim_end());
     args.json.write(&figures)?;
     judged(&args.alarms, &figures)
+}
+
+/// The newest status, and who holds pen and dead-man switch.
+fn newest(instance: &InstanceArgs) -> Result<(Box<Status>, Held), Failure> {
+    let foretrace = instance.attach()?;
+    let mut reader = foretrace.status().map_err(unattached)?;
+    let status = reader.next_within(PATIENCE).ok_or_else(|| silent(&foretrace))?;
+    Ok((Box::new(status), Held::of(foretrace.instance())))
 }
 
 /// Two screens per second, or one line of JSON.

@@ -173,11 +173,21 @@ fn an_order_that_was_long_under_way_or_from_before_a_stop_is_not_carried_out_and
             assert!(told.contains("from before a stop") || told.contains("waited for too long"), "{told}");
         }
         assert_eq!(told("ask", json!({ "disarm": true }), now_us()), "done");
-        // A clock that is ahead is taken for now.
+        // Dated ahead it would outrank a stop that comes meanwhile.
+        for (order, what) in
+            [("ask", json!({ "arm": true })), ("ask", json!({ "trust": 0.5 })), ("write", json!("Hello"))]
+        {
+            let ahead = told(order, what, now_us() + 5e6);
+            assert!(ahead.contains("order dated ahead"), "{ahead}");
+        }
+        // What lets the arm go counts whatever its date, and a clock that is a little ahead is taken for now.
         assert_eq!(told("ask", json!({ "disarm": true }), now_us() + 1e9), "done");
+        assert_eq!(told("ask", json!({ "freeze_trust": true }), now_us() + 5e4), "done");
     });
-    assert_eq!(ops, [u32::from(ControlOp::Disarm); 2]);
+    let [disarm, freeze] = [ControlOp::Disarm, ControlOp::FreezeTrust].map(u32::from);
+    assert_eq!(ops, [disarm, disarm, freeze]);
     assert_eq!(rig.instance.holder(Place::Pen), None);
+    assert_eq!(rig.end().refused["order dated ahead"], 3);
 }
 
 #[test]

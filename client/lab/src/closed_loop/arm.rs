@@ -6,7 +6,7 @@ use foretrace_control::follower::FollowerSettings;
 use foretrace_control::mpc::Gains;
 use foretrace_control::trust::TrustRequest;
 use foretrace_control::units::Trust;
-use foretrace_sim::arm::{ArmSettings, JOINTS};
+use foretrace_sim::arm::{ArmSettings, JOINTS, Mechanics};
 
 use crate::baselines::ServoKnobs;
 use crate::experiments::{ArmKind, ur5_at};
@@ -22,6 +22,33 @@ pub enum BenchArm {
     Ur5,
     /// A UR5 behind a servo that takes 100 ms, all limits on.
     Slow,
+}
+
+/// What is wrong with the arms that have a servo, [`BenchArm::Ur5`] and [`BenchArm::Slow`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Flaws {
+    /// Damping ratio of the servo; 1: none.
+    pub damping: f64,
+    /// Friction, gain, backlash, sag and encoder steps.
+    pub mechanics: Mechanics,
+}
+
+impl Default for Flaws {
+    fn default() -> Self {
+        Self { damping: 1.0, mechanics: Mechanics::IDEAL }
+    }
+}
+
+impl Flaws {
+    /// `kind` with them.
+    #[must_use]
+    pub fn of(&self, kind: ArmKind) -> ArmKind {
+        let Self { damping, mechanics } = *self;
+        match kind {
+            ArmKind::Ur5(arm) => ArmKind::Ur5(ArmSettings { damping, mechanics, ..arm }),
+            kind => kind,
+        }
+    }
 }
 
 /// Delay of [`BenchArm::Delay30`] \[s\].

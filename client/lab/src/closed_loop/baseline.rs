@@ -18,18 +18,18 @@ use foretrace_sim::metrics::ToolSample;
 use foretrace_sim::path::PathSample;
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 
-use super::BenchArm;
 use super::legal::Legal;
+use super::{BenchArm, Flaws};
 use crate::baselines::{Baseline, BaselineError, BaselineKind, BaselineSettings, Limits, build, soften};
 use crate::experiments::{
-    AWAY_NS, Arm, ArmKind, ClosedLoop, Desk, EPOCH_NS, RunError, TickTrace, exceeds, feed, settings_for,
+    AWAY_NS, ClosedLoop, Desk, DeskArm, Measured, RunError, TickTrace, epoch, exceeds, feed, settings_for,
 };
 
 /// The settings of the baseline `kind` on `arm`.
 #[must_use]
 pub(super) fn baseline_settings(config: &Config, arm: BenchArm, kind: BaselineKind) -> BaselineSettings {
     let period_s = config.settings().period_ns() as f64 * 1e-9;
-    let law = settings_for(config, arm.kind(config), PredictorKind::HOLD);
+    let law = settings_for(config, &arm.kind(config).facts(), PredictorKind::HOLD);
     let least = |of: fn(&foretrace_control::mpc::AxisLimits) -> f64| {
         law.mpc.axes.iter().take(2).map(of).fold(f64::INFINITY, f64::min)
     };
@@ -43,22 +43,16 @@ pub(super) fn baseline_settings(config: &Config, arm: BenchArm, kind: BaselineKi
         Limits::OFF
     };
     let with = |dead_time_s| BaselineSettings::new(kind, period_s, dead_time_s, limits, arm.glyph_height_m());
-    with(dead_time_s(arm.kind_for_baseline(config, with(0.0).servo)))
-}
-
-fn dead_time_s(arm: ArmKind) -> f64 {
-    match arm {
-        ArmKind::Ideal => 0.0,
-        ArmKind::Delayed(delay_s) => delay_s,
-        ArmKind::Ur5(settings) => settings.group_delay_s(),
-    }
+    let facts = arm.kind_for_baseline(config, with(0.0).servo).facts();
+    with(facts.group_delay_s.unwrap_or(0.0))
 }
 
 /// A baseline and its arm.
 pub(super) struct BaselineDesk {
     way: Box<dyn Baseline>,
     reach: Reach,
-    arm: Arm,
+    arm: Box<dyn DeskArm>,
+    measured: Measured,
     period_ns: u64,
     now: Stamp,
     /// Commanded joints \[rad\] and their velocity \[rad/s\].
@@ -82,19 +76,22 @@ impl BaselineDesk {
         arm: BenchArm,
         kind: BaselineKind,
         settings: &BaselineSettings,
+        flaws: &Flaws,
     ) -> Result<Self, BaselineError> {
         let mut way = build(kind, settings)?;
-        let behind = arm.kind_for_baseline(config, settings.servo);
-        if kind.smooths_in_the_servo() && !matches!(behind, ArmKind::Ur5(_)) {
+        let behind = flaws.of(arm.kind_for_baseline(config, settings.servo));
+        if kind.smooths_in_the_servo() && !behind.facts().servo {
             way = soften(way, settings);
         }
         let home = config.robot().home;
+        let now = epoch(law.period_ns);
         Ok(Self {
             way,
             reach: Reach::new(&law.chain, law.plane, &home),
-            arm: Arm::new(behind, home),
+            arm: behind.built(home),
+            measured: Measured::plain(now, home, [0.0; JOINTS]),
             period_ns: law.period_ns,
-            now: Stamp(EPOCH_NS - EPOCH_NS % law.period_ns),
+            now,
             q: home,
             qd: [0.0; JOINTS],
             limits: arm.limited().then_some(law.limits),
@@ -111,7 +108,7 @@ impl BaselineDesk {
     }
 
     /// One period with the pen samples `due`.
-    fn tick(&mut self, due: &[PathSample]) -> TickTrace {
+    fn tick(&mut self, due: &[PathSample]) -> Result<TickTrace, RunError> {
         let period_s = self.period_ns as f64 * 1e-9;
         let target = self.way.target(seconds(self.now), due).filter(|at| at.iter().all(|x| x.is_finite()));
         let before = self.q;
@@ -128,14 +125,16 @@ impl BaselineDesk {
         let illegal = self.limits.is_some_and(|limits| exceeds(&limits, &self.qd, &qd, period_s));
         self.qd = qd;
         self.now = self.now + self.period_ns;
-        self.arm.obey(&JointCommand { stamp: self.now, valid_until: self.now, q: self.q, qd, enabled: true });
+        let stamp = self.now;
+        let command = JointCommand { stamp, valid_until: stamp, q: self.q, qd, enabled: true };
+        self.measured = self.arm.step(stamp, Some(&command)).map_err(RunError::Arm)?;
         let (was, velocity) = self.tool.unwrap_or((target.unwrap_or_default(), [0.0; 2]));
         let setpoint = target.unwrap_or(was);
         let moved = [0, 1].map(|axis| (setpoint[axis] - was[axis]) / period_s);
         if target.is_some() {
             self.tool = Some((setpoint, moved));
         }
-        TickTrace {
+        Ok(TickTrace {
             t_s: f64::NAN,
             setpoint,
             reference: setpoint,
@@ -144,7 +143,7 @@ impl BaselineDesk {
             alpha: f64::NAN,
             limited: self.arm.clamped() || self.way.limited(),
             illegal,
-        }
+        })
     }
 }
 
@@ -159,7 +158,7 @@ impl Desk for BaselineDesk {
         let (first, last) = path.first().zip(path.last()).ok_or(RunError::Empty)?;
         let away = self.now + AWAY_NS;
         while self.tool.is_some() && self.now < away {
-            self.tick(&[]);
+            self.tick(&[])?;
         }
         let begin = self.now;
         let start_s = first.t_s - wait_s;
@@ -174,9 +173,9 @@ impl Desk for BaselineDesk {
             while let Some(sample) = samples.next_if(|sample| sample.stamp <= self.now) {
                 due.push(self.reach.heard(sample));
             }
-            let tick = self.tick(&due);
+            let tick = self.tick(&due)?;
             let t_s = self.now.seconds_since(begin) + start_s;
-            let [x_m, y_m] = self.arm.tool(&self.reach.chain, &self.reach.plane);
+            let [x_m, y_m] = self.reach.tool(&self.measured.q);
             out.tool.push(ToolSample { t_s, x_m, y_m });
             out.ticks.push(TickTrace { t_s, ..tick });
         }
@@ -210,6 +209,12 @@ impl Reach {
         let pose = chain.forward(home);
         let height_m = plane.point_from_base(&pose.position).z;
         Self { chain: chain.clone(), plane, height_m, rotation: pose.rotation }
+    }
+
+    /// Where the tool of joints at `q` \[rad\] is in the plane \[m\].
+    fn tool(&self, q: &[f64; JOINTS]) -> [f64; 2] {
+        let tool = self.plane.point_from_base(&self.chain.forward(q).position);
+        [tool.x, tool.y]
     }
 
     fn heard(&self, sample: &PenReading) -> PathSample {

@@ -5,7 +5,7 @@ use foretrace_config::Config;
 use super::arm::FREE_GAIN;
 use super::baseline::{BaselineDesk, baseline_settings};
 use super::pareto::{Tuning, scale_gains, soften};
-use super::{BenchArm, Each, Hand, Rival, Row, Score, rows};
+use super::{BenchArm, Each, Flaws, Hand, Rival, Row, Score, rows};
 use crate::experiments::{ClosedLoop, Desk, DeskOptions, RunError, WAIT_S, desk, learner_for, settings_for};
 use crate::parallel;
 use foretrace_control::predict::PredictorKind;
@@ -46,6 +46,8 @@ pub struct Benchmark<'a> {
     pub arms: Vec<(BenchArm, Vec<Hand>)>,
     /// The method.
     pub rivals: Vec<Rival>,
+    /// Of the arms.
+    pub flaws: Flaws,
 }
 
 /// One method on one arm.
@@ -210,22 +212,23 @@ impl Benchmark<'_> {
 
     fn desk(&self, job: &Job<'_>) -> Result<Box<dyn Desk>, BenchError> {
         let wrong = |error: &dyn std::fmt::Display| BenchError::Settings(error.to_string());
-        let arm = job.arm.kind(self.config);
+        let arm = self.flaws.of(job.arm.kind(self.config));
+        let facts = arm.facts();
         let (kind, trust) = match job.rival {
             Rival::Law(law) => (law.predictor(), law.trust()),
             Rival::Baseline(kind) | Rival::Legal(kind) => {
-                let law = settings_for(self.config, arm, PredictorKind::HOLD);
+                let law = settings_for(self.config, &facts, PredictorKind::HOLD);
                 let settings = match job.tuning {
                     Tuning::Baseline(settings) => **settings,
                     _ => baseline_settings(self.config, job.arm, kind),
                 };
-                let desk = BaselineDesk::new(self.config, &law, job.arm, kind, &settings);
+                let desk = BaselineDesk::new(self.config, &law, job.arm, kind, &settings, &self.flaws);
                 let desk = desk.map_err(|error| wrong(&error))?;
                 let legal = matches!(job.rival, Rival::Legal(_));
                 return Ok(Box::new(if legal { desk.kept_legal() } else { desk }));
             }
         };
-        let mut settings = settings_for(self.config, arm, kind);
+        let mut settings = settings_for(self.config, &facts, kind);
         settings.trust_request = trust;
         job.arm.fit(self.config, &mut settings);
         match *job.tuning {
@@ -234,11 +237,11 @@ impl Benchmark<'_> {
             Tuning::Sharp(gain) => job.arm.sharpen(&mut settings, gain),
             Tuning::Default | Tuning::Baseline(_) => job.arm.sharpen(&mut settings, FREE_GAIN),
         }
-        let home = self.config.robot().home;
         let horizon = self.config.settings().mpc.horizon;
         let learner = learner_for(self.config, &settings, kind).map_err(|error| wrong(&error))?;
+        let arm = arm.built(self.config.robot().home);
         let options = DeskOptions { arm, oracle: kind == PredictorKind::ORACLE, learner };
-        desk(horizon, &settings, home, options).map_err(|error| wrong(&error))
+        Ok(desk(horizon, &settings, options).map_err(|error| wrong(&error))?)
     }
 }
 
@@ -249,7 +252,9 @@ impl Outcome {
         let hold = |arm| outcomes.iter().find(|o| o.rival == Rival::HOLD && o.arm == arm);
         outcomes
             .iter()
-            .filter_map(|o| rows(o.rival, o.arm, &o.scores, hold(o.arm).map(|hold| hold.scores.as_slice())))
+            .filter_map(|o| {
+                rows(o.rival, o.arm.name(), &o.scores, hold(o.arm).map(|hold| hold.scores.as_slice()))
+            })
             .collect()
     }
 }

@@ -16,10 +16,12 @@ mod pareto;
 mod score;
 mod sequences;
 mod baseline;
+mod trial;
 
-pub use arm::BenchArm;
+pub use arm::{BenchArm, Flaws};
 pub use job::{BenchError, Benchmark, Outcome};
 pub use pareto::ParetoPoint;
 pub use rival::{Rival, UnknownRival};
 pub use score::{Each, Row, Score, rows};
-pub use sequences::{Hand, LEAP_S, Sequence, hands};
+pub use sequences::{Hand, LEAP_S, Sequence, hand_of_text, hands};
+pub use trial::{SeenStop, Trial, TrialError, Tried};

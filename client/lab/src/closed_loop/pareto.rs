@@ -110,7 +110,7 @@ impl Benchmark<'_> {
         let scored = tasks.iter().zip(labels).zip(scores);
         let point = |((task, label), scores): ((&Task, String), Vec<_>)| {
             let (arm, _) = self.arms.get(task.arm)?;
-            let row = rows(task.rival, *arm, &scores, None)?;
+            let row = rows(task.rival, arm.name(), &scores, None)?;
             Some(ParetoPoint {
                 method: task.rival.name(),
                 label,

@@ -3,7 +3,7 @@
 use foretrace_sim::metrics::{motion, tracking};
 use serde::Serialize;
 
-use super::{BenchArm, Rival, Sequence};
+use super::{Rival, Sequence};
 use crate::experiments::{ClosedLoop, median};
 
 /// Worse than `hold` by more than this part of its mean squared error...
@@ -126,12 +126,12 @@ pub struct Row {
     pub sequences: usize,
 }
 
-/// The row of `scores` (one per sequence, in their order), compared with those of `hold` in front of the same
-/// arm.
+/// The row of `scores` (one per sequence, in their order) on `arm`, compared with those of `hold` in front of
+/// the same arm.
 #[must_use]
 pub fn rows(
     rival: Rival,
-    arm: BenchArm,
+    arm: &'static str,
     scores: &[Option<Score>],
     hold: Option<&[Option<Score>]>,
 ) -> Option<Row> {
@@ -156,7 +156,7 @@ pub fn rows(
     let worse = pairs().filter(|(score, hold)| score.worse_than(hold)).count();
     Some(Row {
         predictor: rival.name().to_owned(),
-        arm: arm.name(),
+        arm,
         mse_m2: mean(|score| score.mse_m2),
         median_mse_m2: median(known().map(|score| score.mse_m2)),
         pen_down_mse_m2: mean(|score| score.pen_down_mse_m2),

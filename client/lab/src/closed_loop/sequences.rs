@@ -3,6 +3,7 @@
 use foretrace_config::Config;
 use foretrace_sim::data::DataSet;
 use foretrace_sim::path::{Anchor, Ink, Layout, Lift, PathError, PathSample, PenPath, Placement};
+use foretrace_sim::writer::{WriterError, text_path};
 
 use super::BenchArm;
 
@@ -80,6 +81,35 @@ pub fn hands(
     }
     Ok((hands, left_out))
 }
+
+/// `text` in the built-in writer's hand `style`, one line in the middle of the paper of `arm`: a hand of one
+/// sequence.
+///
+/// # Errors
+/// A character that the writer does not know, a text that does not fit.
+pub fn hand_of_text(text: &str, style: u64, arm: BenchArm, config: &Config) -> Result<Hand, WriterError> {
+    let placement = Placement {
+        centre_m: arm.centre_m(config),
+        size_m: arm.paper_m(config),
+        glyph_height_m: arm.glyph_height_m(),
+        layout: Layout::Line,
+        anchor: Anchor::Baseline,
+        lift: Lift::Travel,
+    };
+    let mut path = text_path(text, style, WRITER_HZ, &placement)?;
+    // A line begins at the left border: move the finished text to the middle.
+    if let Some([[left, _], [right, _]]) = path.bounds_m() {
+        let shift = placement.centre_m[0] - 0.5 * (left + right);
+        path.samples.iter_mut().for_each(|sample| sample.x_m += shift);
+    }
+    let behind_leap = behind_leap(&path);
+    let sequence = Sequence { label: text.to_owned(), path, behind_leap };
+    let writer = format!("built-in {style}");
+    Ok(Hand { file: format!("glyphs:{text}"), writer, sequences: vec![sequence] })
+}
+
+/// Rate of the built-in writer's tablet \[Hz\].
+const WRITER_HZ: f64 = 200.0;
 
 impl Sequence {
     /// The path with `contact` set where `keep` is true: the samples that [`foretrace_sim::metrics`] scores.

@@ -17,7 +17,7 @@ use foretrace_sim::arm::JOINTS;
 use foretrace_sim::metrics::ToolSample;
 use foretrace_sim::path::PathSample;
 
-use super::desk_arm::{Arm, ArmKind, exceeds};
+use super::desk_arm::{ArmError, DeskArm, Measured, exceeds};
 
 /// What happened in one tick, in the plane frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -60,13 +60,22 @@ pub enum RunError {
     /// The loop stopped the arm because it did not follow.
     #[error("the loop says that the arm does not follow: {0:?}")]
     NotFollowing(StopDetail),
+    /// The arm cannot go on.
+    #[error("{0}")]
+    Arm(ArmError),
     /// No path.
     #[error("the pen path has no samples")]
     Empty,
 }
 
 /// Where simulated time begins, so that stamps before the first sample exist.
-pub(crate) const EPOCH_NS: u64 = 10_000_000_000;
+const EPOCH_NS: u64 = 10_000_000_000;
+
+/// Where a desk of this period [ns] begins.
+pub(crate) fn epoch(period_ns: u64) -> Stamp {
+    Stamp(EPOCH_NS - EPOCH_NS % period_ns)
+}
+
 /// Between two paths the pen is out of reach for this long [ns]: longer than any gap that is bridged.
 pub(crate) const AWAY_NS: u64 = 700_000_000;
 /// Spacing of the samples while the pen waits \[s\].
@@ -76,7 +85,7 @@ const WAIT_STEP_S: f64 = 0.005;
 #[derive(Debug)]
 pub struct DeskOptions {
     /// The arm.
-    pub arm: ArmKind,
+    pub arm: Box<dyn DeskArm>,
     /// Know the recorded future.
     pub oracle: bool,
     /// Learns online.
@@ -100,20 +109,60 @@ pub trait Desk {
     ) -> Result<ClosedLoop, RunError>;
 }
 
-/// A desk with a horizon of 10, 20 or 30 steps; the arm stands at `home` \[rad\].
+/// One tick of a watched desk, after it.
+#[derive(Debug)]
+pub struct Watched<'a> {
+    /// The instant for which the command holds, on the desk's own axis, which begins when the desk does
+    /// \[s\].
+    pub t_s: f64,
+    /// The same instant.
+    pub until: Stamp,
+    /// What the arm had measured when the tick began.
+    pub measured: &'a Measured,
+    /// What the law made of it.
+    pub output: &'a StepOutput<JOINTS>,
+    /// Place of the tool that was measured, in the plane frame \[m\].
+    pub tool: [f64; 3],
+    /// The tick's command exceeds the joints' limits.
+    pub illegal: bool,
+}
+
+/// Who watches a desk.
+pub trait Watch {
+    /// A request for the tick that begins at `t_s` \[s\] on the desk's axis.
+    fn request(&mut self, t_s: f64) -> Option<Request>;
+
+    /// Sees a tick; `false` ends the path here.
+    fn see(&mut self, tick: &Watched<'_>) -> bool;
+}
+
+/// A desk of the law: a stop is seen, and ends nothing by itself.
+pub trait LawDesk: Desk {
+    /// As [`Desk::write`], watched; the requests are the watcher's.
+    ///
+    /// # Errors
+    /// An arm that may not be armed or cannot go on, an empty path.
+    fn write_watched(
+        &mut self,
+        path: &[PathSample],
+        wait_s: f64,
+        watch: &mut dyn Watch,
+    ) -> Result<ClosedLoop, RunError>;
+}
+
+/// A desk with a horizon of 10, 20 or 30 steps.
 ///
 /// # Errors
-/// Illegal settings.
+/// Illegal settings, an arm that cannot be reached.
 pub fn desk(
     horizon: u32,
     settings: &FollowerSettings<JOINTS>,
-    home: [f64; JOINTS],
     options: DeskOptions,
-) -> Result<Box<dyn Desk>, RunError> {
+) -> Result<Box<dyn LawDesk>, RunError> {
     match horizon {
-        30 => built::<30>(settings, home, options),
-        20 => built::<20>(settings, home, options),
-        _ => built::<10>(settings, home, options),
+        30 => built::<30>(settings, options),
+        20 => built::<20>(settings, options),
+        _ => built::<10>(settings, options),
     }
 }
 
@@ -121,15 +170,16 @@ pub fn desk(
 #[inline(never)]
 fn built<const N: usize>(
     settings: &FollowerSettings<JOINTS>,
-    home: [f64; JOINTS],
     options: DeskOptions,
-) -> Result<Box<dyn Desk>, RunError> {
-    Ok(Box::new(LoopDesk::<N>::new(settings, home, options)?))
+) -> Result<Box<dyn LawDesk>, RunError> {
+    Ok(Box::new(LoopDesk::<N>::new(settings, options)?))
 }
 
 struct LoopDesk<const N: usize> {
     follower: Follower<N, JOINTS>,
-    arm: Arm,
+    arm: Box<dyn DeskArm>,
+    /// Newest of the arm.
+    measured: Measured,
     learner: Option<Learner>,
     promoted: Option<Box<OnlineWeights>>,
     oracle: bool,
@@ -140,19 +190,17 @@ struct LoopDesk<const N: usize> {
 }
 
 impl<const N: usize> LoopDesk<N> {
-    fn new(
-        settings: &FollowerSettings<JOINTS>,
-        home: [f64; JOINTS],
-        options: DeskOptions,
-    ) -> Result<Self, RunError> {
+    fn new(settings: &FollowerSettings<JOINTS>, mut options: DeskOptions) -> Result<Self, RunError> {
         let mut settings = settings.clone();
         if let Some(learner) = &options.learner {
             settings.weights = *learner.weights();
         }
+        let now = epoch(settings.period_ns);
         Ok(Self {
-            now: Stamp(EPOCH_NS - EPOCH_NS % settings.period_ns),
+            now,
             follower: Follower::new(settings)?,
-            arm: Arm::new(options.arm, home),
+            measured: options.arm.begin(now).map_err(RunError::Arm)?,
+            arm: options.arm,
             learner: options.learner,
             promoted: None,
             oracle: options.oracle,
@@ -163,12 +211,13 @@ impl<const N: usize> LoopDesk<N> {
 
     /// One period with the pen samples `due` and at most one request.
     fn tick(&mut self, due: &[PenReading], request: Option<Request>) -> Result<StepOutput<JOINTS>, RunError> {
-        let joints = self.arm.reading(self.now);
+        let joints = self.measured.reading();
         let promoted = self.promoted.take();
         let input = StepInput {
             now: self.now,
             pen: due,
             joints: Some(&joints),
+            effort: None,
             enable: None,
             request: if self.armed { request } else { Some(Request::Arm) },
             halt: None,
@@ -179,9 +228,6 @@ impl<const N: usize> LoopDesk<N> {
             answer.map_err(RunError::Refused)?;
             self.armed = true;
         }
-        if output.stop_reason == StopReason::TrackingError {
-            return Err(RunError::NotFollowing(output.stop_detail));
-        }
         if let Some(learner) = &mut self.learner {
             for step in output.learn.iter().take(output.learn_count) {
                 if learner.learn(step).hand_over {
@@ -190,14 +236,17 @@ impl<const N: usize> LoopDesk<N> {
             }
         }
         self.now = self.now + self.follower.settings().period_ns;
-        if let Some(command) = &output.command {
-            self.arm.obey(command);
-        }
+        self.measured = self.arm.step(self.now, output.command.as_ref()).map_err(RunError::Arm)?;
         Ok(output)
     }
-}
 
-impl<const N: usize> LoopDesk<N> {
+    /// Where the tool is that was measured, in the plane \[m\].
+    fn tool(&self) -> [f64; 3] {
+        let settings = self.follower.settings();
+        let position = settings.chain.forward(&self.measured.q).position;
+        settings.plane.point_from_base(&position).into()
+    }
+
     /// Whether the command exceeds the joints' limits, given the one before.
     fn judge(&mut self, output: &StepOutput<JOINTS>) -> bool {
         let Some(command) = &output.command else { return false };
@@ -214,10 +263,56 @@ impl<const N: usize> Desk for LoopDesk<N> {
         wait_s: f64,
         requests: &[(f64, Request)],
     ) -> Result<ClosedLoop, RunError> {
+        let mut strict = Strict { stopped: None };
+        let run = self.follow(path, wait_s, requests, &mut strict)?;
+        strict.stopped.map_or(Ok(run), |detail| Err(RunError::NotFollowing(detail)))
+    }
+}
+
+/// Ends where the arm does not follow.
+struct Strict {
+    stopped: Option<StopDetail>,
+}
+
+impl Watch for Strict {
+    fn request(&mut self, _t_s: f64) -> Option<Request> {
+        None
+    }
+
+    fn see(&mut self, tick: &Watched<'_>) -> bool {
+        let follows = tick.output.stop_reason != StopReason::TrackingError;
+        self.stopped = (!follows).then_some(tick.output.stop_detail);
+        follows
+    }
+}
+
+impl<const N: usize> LawDesk for LoopDesk<N> {
+    fn write_watched(
+        &mut self,
+        path: &[PathSample],
+        wait_s: f64,
+        watch: &mut dyn Watch,
+    ) -> Result<ClosedLoop, RunError> {
+        self.follow(path, wait_s, &[], watch)
+    }
+}
+
+impl<const N: usize> LoopDesk<N> {
+    /// Writes a path; requests at its own times come before those of `watch`.
+    fn follow(
+        &mut self,
+        path: &[PathSample],
+        wait_s: f64,
+        requests: &[(f64, Request)],
+        watch: &mut dyn Watch,
+    ) -> Result<ClosedLoop, RunError> {
         let (first, last) = path.first().zip(path.last()).ok_or(RunError::Empty)?;
+        let mut out = ClosedLoop::default();
         let away = self.now + AWAY_NS;
         while self.armed && self.now < away {
-            self.tick(&[], None)?;
+            if !self.watched(&[], None, watch)?.2 {
+                return Ok(out);
+            }
         }
         let begin = self.now;
         let start_s = first.t_s - wait_s;
@@ -227,7 +322,6 @@ impl<const N: usize> Desk for LoopDesk<N> {
             let future = recorded_future(&pen, self.follower.settings().pen.step_ns, &self.follower);
             self.follower.use_oracle(future);
         }
-        let mut out = ClosedLoop::default();
         let mut requests = requests.iter().peekable();
         let mut samples = pen.iter().peekable();
         let mut due = Vec::new();
@@ -239,13 +333,37 @@ impl<const N: usize> Desk for LoopDesk<N> {
             }
             let ready = |(t_s, _): &&(f64, Request)| self.armed && stamp_of(*t_s) <= self.now;
             let request = requests.next_if(ready).map(|(_, request)| *request);
-            let output = self.tick(&due, request)?;
-            let settings = self.follower.settings();
-            let tool = self.arm.tool(&settings.chain, &settings.plane);
-            let illegal = self.judge(&output);
-            out.record(self.now.seconds_since(begin) + start_s, &tool, &output, illegal);
+            let (output, illegal, on) = self.watched(&due, request, watch)?;
+            let [x, y, _] = self.tool();
+            out.record(self.now.seconds_since(begin) + start_s, &[x, y], &output, illegal);
+            if !on {
+                break;
+            }
         }
         Ok(out)
+    }
+
+    /// Time since the desk began \[s\].
+    fn since_epoch(&self) -> f64 {
+        self.now.seconds_since(epoch(self.follower.settings().period_ns))
+    }
+
+    /// A tick that `watch` sees; also whether its command is illegal, and whether to go on.
+    fn watched(
+        &mut self,
+        due: &[PenReading],
+        request: Option<Request>,
+        watch: &mut dyn Watch,
+    ) -> Result<(StepOutput<JOINTS>, bool, bool), RunError> {
+        let asked = if self.armed { watch.request(self.since_epoch()) } else { None };
+        let measured = self.measured;
+        let tool = self.tool();
+        let output = self.tick(due, request.or(asked))?;
+        let illegal = self.judge(&output);
+        let t_s = self.since_epoch();
+        let on =
+            watch.see(&Watched { t_s, until: self.now, measured: &measured, output: &output, tool, illegal });
+        Ok((output, illegal, on))
     }
 }
 

@@ -154,12 +154,12 @@ fn row(
         Fig2Arm::Ideal => ArmKind::Ideal,
         Fig2Arm::Ur5 => ArmKind::Ur5(ur5_at(config)),
     };
-    let mut settings = settings_for(config, kind, predictor);
+    let mut settings = settings_for(config, &kind.facts(), predictor);
     settings.trust_request = entrant.trust();
-    let home = config.robot().home;
     let learner = learner_for(config, &settings, predictor)?;
-    let options = DeskOptions { arm: kind, oracle: predictor == PredictorKind::ORACLE, learner };
-    let mut desk = desk(config.settings().mpc.horizon, &settings, home, options)
+    let arm_built = kind.built(config.robot().home);
+    let options = DeskOptions { arm: arm_built, oracle: predictor == PredictorKind::ORACLE, learner };
+    let mut desk = desk(config.settings().mpc.horizon, &settings, options)
         .map_err(|error| ExperimentError::Settings(error.to_string()))?;
     let mut scores = Vec::with_capacity(letters.len());
     let mut tools = Vec::new();

@@ -60,12 +60,13 @@ pub fn fig3(
     kind: PredictorKind,
     mut done: impl FnMut(),
 ) -> Result<Fig3, ExperimentError> {
-    let settings = settings_for(config, ArmKind::Ideal, kind);
+    let settings = settings_for(config, &ArmKind::Ideal.facts(), kind);
     // Steps are those of the pen's grid; the plan's are shorter.
     let step_s = settings.pen.step_ns as f64 * 1e-9;
     let learner = learner_for(config, &settings, kind)?;
-    let options = DeskOptions { arm: ArmKind::Ideal, oracle: kind == PredictorKind::ORACLE, learner };
-    let mut desk = desk(config.settings().mpc.horizon, &settings, config.robot().home, options)
+    let arm = ArmKind::Ideal.built(config.robot().home);
+    let options = DeskOptions { arm, oracle: kind == PredictorKind::ORACLE, learner };
+    let mut desk = desk(config.settings().mpc.horizon, &settings, options)
         .map_err(|error| ExperimentError::Settings(error.to_string()))?;
     let mut out = Vec::new();
     for (index, letter) in letters.iter().enumerate() {

@@ -7,10 +7,10 @@ mod fig2;
 mod fig3;
 mod letters;
 
-pub(crate) use closed_loop::{AWAY_NS, EPOCH_NS, feed};
-pub use closed_loop::{ClosedLoop, Desk, DeskOptions, RunError, TickTrace, desk};
-pub use desk_arm::ArmKind;
-pub(crate) use desk_arm::{Arm, exceeds};
+pub(crate) use closed_loop::{AWAY_NS, epoch, feed};
+pub use closed_loop::{ClosedLoop, Desk, DeskOptions, LawDesk, RunError, TickTrace, Watch, Watched, desk};
+pub(crate) use desk_arm::exceeds;
+pub use desk_arm::{ArmError, ArmFacts, ArmKind, DeskArm, Measured};
 pub use entrant::LawEntrant;
 pub use fig2::{Fig2, Fig2Arm, Fig2Row, fig2, fig2_entrant, fig2_names};
 pub use fig3::{Fig3, Fig3Letter, fig3};
@@ -56,25 +56,20 @@ fn settings_of_servo(config: &Config) -> bool {
     config.settings().timing.servo_filter_ms > 0.0
 }
 
-/// The loop of `config` for one of the experiments' arms.
-pub(crate) fn settings_for(config: &Config, arm: ArmKind, kind: PredictorKind) -> FollowerSettings<JOINTS> {
+/// The loop of `config` for an arm.
+pub(crate) fn settings_for(config: &Config, arm: &ArmFacts, kind: PredictorKind) -> FollowerSettings<JOINTS> {
     let mut settings = config.follower_settings();
     settings.preview.kind = if kind == PredictorKind::ORACLE { PredictorKind::HOLD } else { kind };
     // The default velocity lead is for the lag of real arms and uncertain predictions.
     let asked = !matches!(config.origin("mpc.velocity_lead_ms"), None | Some(Place::Default));
-    let late = matches!(arm, ArmKind::Ur5(_)) && kind != PredictorKind::ORACLE;
+    let late = arm.servo && kind != PredictorKind::ORACLE;
     if !asked && !late {
         settings.velocity_lead_ns = 0;
     }
-    settings.mpc.servo_s = 0.0;
-    settings.dead_time_ns = match arm {
-        ArmKind::Ideal => 0,
-        ArmKind::Delayed(delay_s) => (delay_s * 1e9).round() as u64,
-        ArmKind::Ur5(arm) => {
-            settings.mpc.servo_s = if settings_of_servo(config) { arm.look_ahead_s } else { 0.0 };
-            (arm.group_delay_s() * 1e9).round() as u64
-        }
-    };
+    settings.mpc.servo_s = if arm.servo && settings_of_servo(config) { arm.look_ahead_s } else { 0.0 };
+    if let Some(group_delay_s) = arm.group_delay_s {
+        settings.dead_time_ns = (group_delay_s * 1e9).round() as u64;
+    }
     settings
 }
 

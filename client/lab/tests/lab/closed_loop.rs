@@ -2,7 +2,9 @@
 
 use foretrace_config::{Config, Draft};
 use foretrace_lab::baselines::{BaselineKind, BaselineSettings, Limits, build, soften};
-use foretrace_lab::closed_loop::{BenchArm, Benchmark, Hand, Outcome, Rival, Row, Score, Sequence, hands};
+use foretrace_lab::closed_loop::{
+    BenchArm, Benchmark, Flaws, Hand, Outcome, Rival, Row, Score, Sequence, hands,
+};
 use foretrace_sim::data::{DataSet, Split, median_glyph_height};
 use foretrace_sim::metrics::ToolSample;
 use foretrace_sim::path::{Lift, PathSample, Placement};
@@ -10,13 +12,13 @@ use foretrace_sim::writer::text_path;
 
 const PERIOD_S: f64 = 0.002;
 
-fn config() -> Config {
+pub(crate) fn config() -> Config {
     let config = Config::preset("ur5e").unwrap();
     assert_eq!(config.settings().period_ns(), 2_000_000);
     config
 }
 
-fn hand(arm: BenchArm, config: &Config, letters: &[&str]) -> Hand {
+pub(crate) fn hand(arm: BenchArm, config: &Config, letters: &[&str]) -> Hand {
     let placement = Placement {
         centre_m: arm.centre_m(config),
         size_m: arm.paper_m(config),
@@ -41,6 +43,7 @@ fn benchmark<'a>(config: &'a Config, arms: &[BenchArm], names: &[&str]) -> Bench
         config,
         arms: arms.iter().map(|arm| (*arm, hands(*arm))).collect(),
         rivals: names.iter().map(|name| Rival::named(name).unwrap()).collect(),
+        flaws: Flaws::default(),
     }
 }
 
@@ -188,8 +191,12 @@ fn what_lies_behind_an_unrecorded_lift_is_scored_apart() {
     let row = |lift| {
         let (placed, left_out) = hands(&set, height, BenchArm::Ideal, &config, lift).unwrap();
         assert_eq!((placed.len(), left_out), (1, 0));
-        let benchmark =
-            Benchmark { config: &config, arms: vec![(BenchArm::Ideal, placed)], rivals: vec![Rival::HOLD] };
+        let benchmark = Benchmark {
+            config: &config,
+            arms: vec![(BenchArm::Ideal, placed)],
+            rivals: vec![Rival::HOLD],
+            flaws: Flaws::default(),
+        };
         Outcome::table(&benchmark.run(|| {}).unwrap()).remove(0)
     };
     let leap = row(Lift::Leap);
@@ -226,6 +233,7 @@ fn writers_who_take_turns_in_a_file_are_hands_of_their_own() {
             config: &config,
             arms: vec![(BenchArm::Ur5, placed)],
             rivals: vec![Rival::AS_SHIPPED],
+            flaws: Flaws::default(),
         };
         let outcomes = benchmark.run(|| {}).unwrap();
         let each: Vec<_> = benchmark.each(&outcomes).collect();
@@ -259,7 +267,9 @@ fn leaps_of_the_pen_do_not_throw_an_arm_without_limits() {
     let arms = [BenchArm::Ideal, BenchArm::Delay30].map(|arm| (arm, vec![hand(arm)])).to_vec();
     let rivals =
         ["mixture", "dybm-online", "mixture-trust1"].map(|name| Rival::named(name).unwrap()).to_vec();
-    for row in Outcome::table(&Benchmark { config: &config, arms, rivals }.run(|| {}).unwrap()) {
+    for row in Outcome::table(
+        &Benchmark { config: &config, arms, rivals, flaws: Flaws::default() }.run(|| {}).unwrap(),
+    ) {
         // The jump itself is 0.4 m.
         println!("{} {}: {:.3} m at most, {:.3e} m²", row.arm, row.predictor, row.max_m, row.mse_m2);
         assert!(row.max_m < 0.45, "{} {}: {} m", row.arm, row.predictor, row.max_m);

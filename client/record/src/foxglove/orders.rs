@@ -57,7 +57,7 @@ impl Orders {
         thread("foretrace-stops").spawn(move || {
             serve_stops(&wanted, || {
                 let stopped = foretrace_client::stop(&stopped, STOP);
-                let done = stopped.map(|stopped| format!("the arm stops: {}", stopped.mode));
+                let done = stopped.map(|stopped| format!("the arm stops: {}", stopped.words()));
                 done.map_err(|error| format!("{error}: use the arm's own stop button"))
             });
         })?;

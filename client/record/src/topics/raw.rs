@@ -98,14 +98,14 @@ mod tests {
         let table = String::from_utf8(table).unwrap();
         for line in [
             "tick 32 8 u64",
-            "q 280 48 f64*6",
-            "mode 392 4 u32",
-            "pen[0].x_m 416 8 f64",
-            "pen[7].y_m 816 8 f64",
+            "q 336 48 f64*6",
+            "mode 448 4 u32",
+            "pen[0].x_m 472 8 f64",
+            "pen[7].y_m 872 8 f64",
         ] {
             assert!(table.lines().any(|found| found == line), "{line} in {table}");
         }
-        assert!(table.starts_with(&format!("layout {:016x} size 856\n", TickInput::LAYOUT_HASH)));
+        assert!(table.starts_with(&format!("layout {:016x} size 912\n", TickInput::LAYOUT_HASH)));
     }
 
     #[test]

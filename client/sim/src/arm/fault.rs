@@ -36,6 +36,14 @@ pub enum FaultKind {
     Slow(f64),
     /// The base joint oscillates about its commanded position, growing at this rate \[1/s\].
     Oscillation(f64),
+    /// One joint is no faster than this share of its speed limit, in \[0, 1\]; of a UR5's, where that is
+    /// less.
+    Ceiling(usize, f64),
+    /// One joint goes only this share of each way, in \[0, 1\].
+    Gain(usize, f64),
+    /// One joint moves in steps: not before its setpoint leads it by this much \[rad\]; see
+    /// [`Mechanics::stiction_rad`](super::Mechanics::stiction_rad).
+    Stiction(usize, f64),
 }
 
 /// A fault and when it begins.
@@ -51,10 +59,9 @@ pub struct Fault {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
     "{0:?} is no fault; give KIND@SECONDS or KIND@SECONDS:VALUE: stuck, paused; locked, frozen, flipped or \
-     wrapped with a joint, 0 \
-     to 5 (0); offset [rad, -6.3 to 6.3] (0.2); runaway [rad/s, -3 to 3] (0.5); slow [share, 0 to 1] (0.3); \
-     oscillation [growth \
-     per second, 0 to 20] (2)"
+     wrapped with a joint, 0 to 5 (0); offset [rad, -6.3 to 6.3] (0.2); runaway [rad/s, -3 to 3] (0.5); \
+     slow [share, 0 to 1] (0.3); oscillation [growth per second, 0 to 20] (2); ceiling, gain or stiction \
+     with JOINT:SIZE, a share of the speed limit or of the way, 0 to 1, or rad, 0 to 0.5"
 )]
 pub struct NoFault(String);
 
@@ -73,6 +80,11 @@ impl FromStr for Fault {
             None => Ok(0),
             Some(value) => value.parse().ok().filter(|joint| *joint < JOINTS).ok_or_else(wrong),
         };
+        let sized = |high| {
+            let (joint, size) = value.and_then(|value| value.split_once(':')).ok_or_else(wrong)?;
+            let joint = joint.parse().ok().filter(|joint| *joint < JOINTS).ok_or_else(wrong)?;
+            Ok((joint, number(size, 0.0, high)?))
+        };
         let kind = match (kind, value) {
             ("stuck", None) => FaultKind::Stuck,
             ("paused", None) => FaultKind::Paused,
@@ -84,6 +96,9 @@ impl FromStr for Fault {
             ("runaway", _) => FaultKind::Runaway(given(-3.0, 3.0, 0.5)?),
             ("slow", _) => FaultKind::Slow(given(0.0, 1.0, 0.3)?),
             ("oscillation", _) => FaultKind::Oscillation(given(0.0, 20.0, 2.0)?),
+            ("ceiling", _) => sized(1.0).map(|(joint, share)| FaultKind::Ceiling(joint, share))?,
+            ("gain", _) => sized(1.0).map(|(joint, share)| FaultKind::Gain(joint, share))?,
+            ("stiction", _) => sized(0.5).map(|(joint, lead)| FaultKind::Stiction(joint, lead))?,
             _ => return Err(wrong()),
         };
         Ok(Self { kind, at_s: number(at, 0.0, 1e6)? })
@@ -94,14 +109,15 @@ impl FromStr for Fault {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Broken {
     kind: FaultKind,
-    /// Where the joints were then \[rad\], and for how long it has lasted \[s\].
+    /// Where the joints and their motors were then \[rad\], and for how long it has lasted \[s\].
     from: [f64; JOINTS],
+    motors: [f64; JOINTS],
     since_s: f64,
 }
 
 impl Broken {
-    pub(super) fn new(kind: FaultKind, joints: &Joints) -> Self {
-        Self { kind, from: joints.q, since_s: 0.0 }
+    pub(super) fn new(kind: FaultKind, joints: &Joints, motors: [f64; JOINTS]) -> Self {
+        Self { kind, from: joints.q, motors, since_s: 0.0 }
     }
 
     /// Speed scaling, if that is the fault.
@@ -113,11 +129,19 @@ impl Broken {
         }
     }
 
+    /// Share of its speed limit that joint `axis` has left, if that is the fault.
+    pub(super) fn ceiling(&self, axis: usize) -> Option<f64> {
+        match self.kind {
+            FaultKind::Ceiling(joint, share) if joint == axis => Some(share.clamp(0.0, 1.0)),
+            _ => None,
+        }
+    }
+
     /// Another cycle has passed; joints that stand hold their servo and their loop.
     pub(super) fn cycle(&mut self, cycle_s: f64, axes: &mut [&mut [JointMotion; JOINTS]; 2]) {
         self.since_s += cycle_s;
         for motions in axes {
-            for (axis, (motion, from)) in motions.iter_mut().zip(self.from).enumerate() {
+            for (axis, (motion, from)) in motions.iter_mut().zip(self.motors).enumerate() {
                 let stands = match self.kind {
                     FaultKind::Stuck => true,
                     FaultKind::Locked(joint) => joint == axis,
@@ -137,6 +161,10 @@ impl Broken {
             FaultKind::Flipped(joint) if joint < JOINTS => {
                 q[joint] = 2.0 * self.from[joint] - q[joint];
                 qd[joint] = -qd[joint];
+            }
+            FaultKind::Gain(joint, share) if joint < JOINTS => {
+                q[joint] = self.from[joint] + share * (q[joint] - self.from[joint]);
+                qd[joint] *= share;
             }
             FaultKind::Runaway(speed) => {
                 q[0] = self.from[0] + speed * self.since_s;
@@ -181,6 +209,12 @@ mod tests {
         assert_eq!(read("locked@1:3"), Ok((FaultKind::Locked(3), 1.0)));
         assert_eq!(read("offset@0:-0.1"), Ok((FaultKind::Offset(-0.1), 0.0)));
         assert_eq!(read("slow@4"), Ok((FaultKind::Slow(0.3), 4.0)));
+        assert_eq!(read("ceiling@2:1:0.1"), Ok((FaultKind::Ceiling(1, 0.1), 2.0)));
+        assert_eq!(read("gain@2:5:0.5"), Ok((FaultKind::Gain(5, 0.5), 2.0)));
+        assert_eq!(read("stiction@0:2:0.02"), Ok((FaultKind::Stiction(2, 0.02), 0.0)));
+        for wrong in ["ceiling@2", "ceiling@2:1", "gain@2:6:0.5", "gain@2:1:1.5", "stiction@2:1:nan"] {
+            assert!(read(wrong).unwrap_err().to_string().contains("KIND@SECONDS"), "{wrong}");
+        }
         for wrong in
             ["stuck", "stuck@", "stuck@-1", "stuck@nan", "stuck@1:2", "locked@1:6", "slow@1:1.5", "bent@1"]
         {
@@ -221,6 +255,12 @@ mod tests {
         assert!(near(said, 0.05) && near(is, 0.05), "{said} {is}");
         let [said, is, target] = after(FaultKind::Oscillation(0.0));
         assert!(said == is && (said - target).abs() < 2.0 * SWING_RAD, "{said} {is}");
+        let [said, is, _] = after(FaultKind::Ceiling(0, 0.05));
+        assert!(near(said, is) && near(is, 0.25 + 0.05 * 3.342 * 0.2), "{said} {is}");
+        let [said, is, target] = after(FaultKind::Gain(0, 0.5));
+        assert!(near(said, is) && near(is, 0.25 + 0.5 * (target - 0.25)), "{said} {is}");
+        let [said, is, target] = after(FaultKind::Stiction(0, 0.15));
+        assert!(said == is && target - is < 0.16, "{said} {is}");
         // A third of each way, and the rest skipped: two cycles late.
         let [said, _, target] = after(FaultKind::Slow(1.0 / 3.0));
         assert!(target - said > 1e-3 && target - said < 4e-3, "{said} {target}");

@@ -1,11 +1,12 @@
 //! A mathematical model of a UR5 controller: the response of its joints to a stream of joint targets.
 //!
 //! Contract: one call of [`ArmModel::cycle`] is one controller cycle. The target given in one cycle, pure
-//! delay first ([`DelaySettings`]), takes effect in the next (one cycle of delay, reached along a straight
-//! line), passes a critically damped second-order servo whose group delay is the look-ahead, and then a
-//! first-order joint loop. Both stages obey the velocity and acceleration clamps. Absent: clock, commands and
-//! their age (the consumer of commands keeps that), gravity, elasticity. Source: UR10e, servoj with
-//! look-ahead 0.03 s and gain 1200: about 34 ms between command and motion.
+//! delay first ([`DelaySettings`]), takes effect in the next (one cycle of delay, reached along a
+//! straight line), passes a second-order servo whose group delay is the look-ahead, critically damped
+//! unless told otherwise, and then a first-order joint loop. Both stages obey the velocity and
+//! acceleration clamps. What follows is ideal unless told otherwise ([`Mechanics`]). Absent: clock,
+//! commands and their age (the consumer of commands keeps that), inertia, elasticity. Source: UR10e,
+//! servoj with look-ahead 0.03 s and gain 1200: about 34 ms between command and motion.
 //!
 //! Speed scaling s < 1 (a UR's speed slider) is modelled by two effects that users of streamed targets
 //! report: a target meant for one cycle takes 1/s cycles, and the next one comes before it is reached, so
@@ -16,14 +17,17 @@
 
 mod delay;
 mod fault;
+mod mechanics;
 mod servo;
 
 pub use delay::{DelayChange, DelaySettings, MAX_DELAY_S};
 pub use fault::{Fault, FaultKind, NoFault};
+pub use mechanics::{Mechanics, STRIBECK_RADPS};
 
 use delay::DelayLine;
 use fault::Broken;
-use servo::{Clamp, JointMotion, follow, settle};
+use mechanics::{Friction, Transmission};
+use servo::{Clamp, JointMotion, Response, follow, settle};
 
 /// Joints of the simulated arm.
 pub const JOINTS: usize = 6;
@@ -39,15 +43,23 @@ pub struct ArmSettings {
     pub speed_scaling: f64,
     /// Group delay of the servo, servoj's `lookahead_time` \[s\]; 0: no servo filter.
     pub look_ahead_s: f64,
+    /// Damping ratio ζ of the servo at the same group delay, 0.05 to 20; 1: critically damped. Its natural
+    /// frequency is 2ζ/look-ahead. A value outside counts as the nearest legal one, NaN as 1.
+    pub damping: f64,
     /// Time constant of the joint loop \[s\]; 0: none.
     pub joint_loop_s: f64,
     /// Largest joint speed \[rad/s\], per joint; may be infinite.
     pub velocity_radps: [f64; JOINTS],
     /// Largest joint acceleration \[rad/s²\], per joint; may be infinite.
     pub acceleration_radps2: [f64; JOINTS],
+    /// Friction, gain, backlash, sag and encoder steps.
+    pub mechanics: Mechanics,
     /// What breaks, and when.
     pub fault: Option<Fault>,
 }
+
+/// Fastest joint of a UR5 \[rad/s\].
+const UR5_RADPS: f64 = 3.342;
 
 impl ArmSettings {
     /// A UR5 behind servoj at `cycle_s` with the given look-ahead: 3.342 rad/s and 40 rad/s², 2 ms of joint
@@ -59,9 +71,11 @@ impl ArmSettings {
             delay: DelaySettings::default(),
             speed_scaling: 1.0,
             look_ahead_s,
+            damping: 1.0,
             joint_loop_s: 0.002,
-            velocity_radps: [3.342; JOINTS],
+            velocity_radps: [UR5_RADPS; JOINTS],
             acceleration_radps2: [40.0; JOINTS],
+            mechanics: Mechanics::IDEAL,
             fault: None,
         }
     }
@@ -76,9 +90,11 @@ impl ArmSettings {
             delay: DelaySettings::constant(lag_s - cycle_s),
             speed_scaling: 1.0,
             look_ahead_s: 0.0,
+            damping: 1.0,
             joint_loop_s: 0.0,
             velocity_radps: [f64::INFINITY; JOINTS],
             acceleration_radps2: [f64::INFINITY; JOINTS],
+            mechanics: Mechanics::IDEAL,
             fault: None,
         }
     }
@@ -91,14 +107,19 @@ impl ArmSettings {
     }
 
     /// Time from a target to the motion it asks for, at low frequency and speeds within the limits, `t_s`
-    /// after the arm began to cycle \[s\]: pure delay (without jitter), cycle, speed scaling, servo and joint
-    /// loop. Infinite where speed scaling is 0.
+    /// after the arm began to cycle \[s\]: pure delay (without jitter), cycle, speed scaling, servo (of any
+    /// damping) and joint loop; without what [`Mechanics`] adds. Infinite where speed scaling is 0.
     #[must_use]
     pub fn group_delay_at(&self, t_s: f64) -> f64 {
         let scaling = self.scaling();
         let skipped_s = self.cycle_s * (1.0 - scaling) / scaling;
         let skipped_s = if scaling < 1.0 { skipped_s } else { 0.0 };
         self.cycle_s + self.look_ahead_s + self.joint_loop_s + self.delay.at(t_s) + skipped_s
+    }
+
+    fn response(&self) -> Response {
+        let damping = if self.damping.is_nan() { 1.0 } else { self.damping.clamp(0.05, 20.0) };
+        Response { look_ahead_s: self.look_ahead_s, damping }
     }
 
     /// Speed scaling, legal.
@@ -127,6 +148,9 @@ pub struct ArmModel {
     previous_target: [f64; JOINTS],
     servo: [JointMotion; JOINTS],
     joint: [JointMotion; JOINTS],
+    friction: [Friction; JOINTS],
+    /// From the joint loops' motors to the joints, where they are not the same.
+    transmission: Option<Transmission>,
     clamped: bool,
     cycles: u64,
     broken: Option<Broken>,
@@ -144,6 +168,8 @@ impl ArmModel {
             previous_target: q,
             servo: still,
             joint: still,
+            friction: std::array::from_fn(|axis| settings.mechanics.friction(axis)),
+            transmission: Transmission::new(settings.mechanics, q),
             clamped: false,
             cycles: 0,
             broken: None,
@@ -175,19 +201,32 @@ impl ArmModel {
                 // A paused arm never moves; and 0 times an infinite limit is NaN.
                 v = if scaling > 0.0 { v * scaling } else { v };
             }
+            if let Some(share) = self.broken.and_then(|broken| broken.ceiling(axis)) {
+                v = share * v.min(UR5_RADPS);
+            }
             let clamp = Clamp { v, a: self.settings.acceleration_radps2[axis], dt };
             let before = self.servo[axis];
-            let wanted = follow(before, from, to, self.settings.look_ahead_s, &clamp);
+            let wanted = follow(before, from, to, self.settings.response(), &clamp);
             let servo = clamp.apply(before, wanted);
             let joint = self.joint[axis];
-            let settled = settle(joint, before.q, servo.q, self.settings.joint_loop_s, dt);
-            self.joint[axis] = clamp.apply(joint, settled);
-            self.clamped |= servo != wanted || self.joint[axis] != settled;
+            self.clamped |= servo != wanted;
+            self.joint[axis] = match self.friction[axis].drive(joint.q, before.q, servo.q) {
+                None => JointMotion { q: joint.q, qd: 0.0 },
+                Some((from, to)) => {
+                    let settled = settle(joint, from, to, self.settings.joint_loop_s, dt);
+                    let moved = clamp.apply(joint, settled);
+                    self.clamped |= moved != settled;
+                    self.friction[axis].stick(moved)
+                }
+            };
             self.servo[axis] = servo;
             self.previous_target[axis] = to;
         }
         if let Some(broken) = &mut self.broken {
             broken.cycle(dt, &mut [&mut self.servo, &mut self.joint]);
+        }
+        if let Some(transmission) = &mut self.transmission {
+            transmission.pass(&self.joint);
         }
         self.joints()
     }
@@ -200,7 +239,12 @@ impl ArmModel {
         else {
             return;
         };
-        self.broken = Some(Broken::new(fault.kind, &self.obeying()));
+        if let FaultKind::Stiction(axis, stiction_rad) = fault.kind
+            && let Some(friction) = self.friction.get_mut(axis)
+        {
+            *friction = Friction::new(stiction_rad, 0.0);
+        }
+        self.broken = Some(Broken::new(fault.kind, &self.obeying(), self.joint.map(|motor| motor.q)));
     }
 
     /// Speed scaling in force: a slider takes nothing back from a fault.
@@ -213,7 +257,11 @@ impl ArmModel {
     #[must_use]
     pub fn joints(&self) -> Joints {
         let really = self.really();
-        self.broken.map_or(really, |broken| broken.reported(really))
+        let mut joints = self.broken.map_or(really, |broken| broken.reported(really));
+        for (axis, q) in joints.q.iter_mut().enumerate() {
+            *q = self.settings.mechanics.encoded(axis, *q);
+        }
+        joints
     }
 
     /// True positions of the joints, whatever is reported.
@@ -225,6 +273,14 @@ impl ArmModel {
 
     /// Positions of the joints of the same arm without its fault.
     fn obeying(&self) -> Joints {
+        if let Some(transmission) = &self.transmission {
+            return transmission.joints();
+        }
+        self.motors()
+    }
+
+    /// Where the joint loops have their motors.
+    fn motors(&self) -> Joints {
         Joints { q: self.joint.map(|joint| joint.q), qd: self.joint.map(|joint| joint.qd) }
     }
 
@@ -273,22 +329,31 @@ impl ArmModel {
         if self.broken.is_none() {
             return;
         }
-        let Joints { q, mut qd } = self.really();
+        let Joints { mut q, mut qd } = self.really();
         for (qd, most) in qd.iter_mut().zip(self.settings.velocity_radps) {
             *qd = qd.clamp(-most, most);
         }
+        // What lies between motor and joint stays between them.
+        let (obeying, motors) = (self.obeying(), self.motors());
+        for axis in 0..JOINTS {
+            q[axis] -= obeying.q[axis] - motors.q[axis];
+        }
         self.broken = None;
+        self.friction = std::array::from_fn(|axis| self.settings.mechanics.friction(axis));
         self.begin_at(Joints { q, qd });
     }
 
     /// At rest where its joints stand, as when the brakes close; a fault stays.
     pub fn stand(&mut self) {
-        self.begin_at(Joints { qd: [0.0; JOINTS], ..self.obeying() });
+        self.begin_at(Joints { qd: [0.0; JOINTS], ..self.motors() });
     }
 
     fn begin_at(&mut self, joints: Joints) {
         self.joint = std::array::from_fn(|axis| JointMotion { q: joints.q[axis], qd: joints.qd[axis] });
         self.servo = self.joint;
+        if let Some(transmission) = &mut self.transmission {
+            transmission.pass(&self.joint);
+        }
         self.newest_target = joints.q;
         self.previous_target = joints.q;
         if let Some(line) = &mut self.delay {
@@ -303,5 +368,7 @@ impl ArmModel {
     }
 }
 
+#[cfg(test)]
+mod mechanics_tests;
 #[cfg(test)]
 mod tests;

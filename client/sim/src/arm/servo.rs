@@ -10,30 +10,58 @@ pub(super) struct JointMotion {
     pub(super) qd: f64,
 }
 
-/// Critically damped second order, w = 2/look-ahead, behind a target going straight `from` → `to` within the
-/// cycle.
+/// Group delay of a servo \[s\] and its damping ratio ζ.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Response {
+    pub(super) look_ahead_s: f64,
+    pub(super) damping: f64,
+}
+
+impl Response {
+    /// The servo's own e and ė, `dt` \[s\] after `e` and `ed` at natural frequency `w`; exact for every ζ.
+    fn decay(&self, e: f64, ed: f64, w: f64, dt: f64) -> (f64, f64) {
+        let zeta = self.damping;
+        if zeta == 1.0 {
+            let decay = (-w * dt).exp();
+            return ((e + (ed + w * e) * dt) * decay, (ed - w * (ed + w * e) * dt) * decay);
+        }
+        // e(t) = exp(−ζwt) (e₀ c + (ė₀ + ζw e₀) s), with s = sin(w_d t)/w_d and c = cos(w_d t) below ζ = 1,
+        // sinh and cosh above, there with the exponential drawn in so that nothing overflows.
+        let (c, s) = if zeta < 1.0 {
+            let (decay, wd) = ((-zeta * w * dt).exp(), w * (1.0 - zeta * zeta).sqrt());
+            (decay * (wd * dt).cos(), decay * (wd * dt).sin() / wd)
+        } else {
+            let root = (zeta * zeta - 1.0).sqrt();
+            let (slow, wd) = ((-w * dt / (zeta + root)).exp(), w * root);
+            (0.5 * slow * (1.0 + (-2.0 * wd * dt).exp()), -0.5 * slow * (-2.0 * wd * dt).exp_m1() / wd)
+        };
+        (e * c + (ed + zeta * w * e) * s, ed * c - (w * w * e + zeta * w * ed) * s)
+    }
+}
+
+/// Second order with w = 2ζ/look-ahead behind a target going straight `from` → `to` within the cycle.
 ///
 /// In the frame that follows the ramp with the steady lag `look_ahead`·slope the motion is homogeneous and
-/// exact: e(t) = (e₀ + (ė₀ + w e₀) t) exp(−w t). The closing speed is bounded by the braking distance, so
-/// that a large step meets the acceleration clamp without overshoot.
+/// exact; for ζ = 1 it is e(t) = (e₀ + (ė₀ + w e₀) t) exp(−w t). Far from the target the closing speed is
+/// bounded by the braking distance, so that a large step adds no overshoot of the acceleration clamp's to
+/// the servo's own.
 pub(super) fn follow(
     state: JointMotion,
     from: f64,
     to: f64,
-    look_ahead_s: f64,
+    response: Response,
     clamp: &Clamp,
 ) -> JointMotion {
+    let look_ahead_s = response.look_ahead_s;
     let dt = clamp.dt;
     let slope = (to - from) / dt;
     if look_ahead_s <= 0.0 {
         return pass(state, from, to, clamp);
     }
     let lag = look_ahead_s * slope;
-    let w = 2.0 / look_ahead_s;
-    let decay = (-w * dt).exp();
+    let w = 2.0 * response.damping / look_ahead_s;
     let (e, ed) = (state.q - (from - lag), state.qd - slope);
-    let e_next = (e + (ed + w * e) * dt) * decay;
-    let mut ed_next = (ed - w * (ed + w * e) * dt) * decay;
+    let (e_next, mut ed_next) = response.decay(e, ed, w, dt);
     // Near the ramp the servo never asks for more than the acceleration limit, and is left alone.
     let far = e.abs() > clamp.a / (w * w);
     if far && e * ed_next < 0.0 {

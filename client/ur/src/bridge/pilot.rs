@@ -5,7 +5,9 @@
 //! one joint state for the daemon and one set of inputs for the controller, so that the counter goes on
 //! whatever happens.
 
-use foretrace_client::{ArmLine, JOINTS, JointCommand, JointState, RobotMode, SafetyMode, command_flags};
+use foretrace_client::{
+    ArmLine, EffortUnit, JOINTS, JointCommand, JointState, RobotMode, SafetyMode, command_flags,
+};
 use foretrace_config::Config;
 use foretrace_control::arm::{Chain, JointLimits};
 use nalgebra::Vector3;
@@ -332,6 +334,7 @@ impl Pilot {
             q: package.q,
             qd: package.qd,
             effort: package.current,
+            effort_unit: EffortUnit::Amperes.into(),
             safety_mode: safety_mode.into(),
             robot_mode: robot_mode.into(),
             line: ArmLine {

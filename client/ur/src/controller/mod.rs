@@ -12,6 +12,7 @@ pub mod inverse;
 pub mod motion;
 pub mod safety;
 pub mod inputs;
+mod current;
 pub mod robot;
 mod names;
 pub mod machine;

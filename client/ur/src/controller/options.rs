@@ -3,6 +3,8 @@
 use std::f64::consts::{FRAC_PI_2, PI};
 use std::net::{IpAddr, Ipv4Addr};
 
+use foretrace_sim::arm::Mechanics;
+
 use crate::rtde::ControllerVersion;
 
 /// The series.
@@ -138,6 +140,10 @@ pub struct Options {
     pub seed: u64,
     /// Power on, brakes released; else power off.
     pub running: bool,
+    /// Damping ratio of `servoj`, 1: critical; what its gain makes of it on a real arm is not modelled.
+    pub damping: f64,
+    /// Friction, gain, backlash, sag and encoder steps of the arm.
+    pub mechanics: Mechanics,
 }
 
 impl Options {
@@ -153,6 +159,8 @@ impl Options {
             calibration_error_m: 0.0,
             seed: 1,
             running: true,
+            damping: 1.0,
+            mechanics: Mechanics::IDEAL,
         }
     }
 }

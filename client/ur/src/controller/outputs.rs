@@ -73,9 +73,8 @@ fn reader(name: &str) -> Option<fn(&World) -> Value> {
         "target_qdd" => |w| Vector6d(w.robot.target_qdd),
         "actual_q" => |w| Vector6d(w.robot.actual().q),
         "actual_qd" => |w| Vector6d(w.robot.actual().qd),
-        "target_current" | "actual_current" | "target_moment" | "joint_control_output" => {
-            |_| Vector6d([0.0; 6])
-        }
+        "target_current" | "actual_current" | "joint_control_output" => |w| Vector6d(w.robot.currents()),
+        "target_moment" => |_| Vector6d([0.0; 6]),
         "actual_current_as_torque" | "actual_TCP_force" | "ft_raw_wrench" | "payload_inertia" => {
             |_| Vector6d([0.0; 6])
         }

@@ -7,6 +7,7 @@
 
 use foretrace_sim::arm::{ArmModel, ArmSettings, FaultKind};
 
+use super::current::Motors;
 use super::kinematics::{Dh, chain, frame, pose, twist};
 use super::motion::{Motion, Point};
 use super::options::Options;
@@ -62,6 +63,9 @@ pub struct Robot {
     pub digital_inputs: u64,
     /// Analog outputs \[A\] or \[V\].
     pub analog_outputs: [f64; 2],
+    /// Of the arm in the last cycle [rad/s²].
+    qdd: [f64; 6],
+    motors: Motors,
     arm: ArmModel,
     /// The same arm without its fault.
     sound: ArmModel,
@@ -73,7 +77,9 @@ impl Robot {
     pub fn new(options: Options) -> Self {
         let q = options.q;
         let dh = Dh::calibrated(options.series, options.calibration_error_m, options.seed, &q);
-        let arm = ArmModel::at_rest(ArmSettings::ur5(options.series.cycle_s(), 0.0), q);
+        let (damping, mechanics) = (options.damping, options.mechanics);
+        let plain = ArmSettings::ur5(options.series.cycle_s(), 0.0);
+        let arm = ArmModel::at_rest(ArmSettings { damping, mechanics, ..plain }, q);
         Self {
             options,
             cycle: 0,
@@ -83,6 +89,8 @@ impl Robot {
             motion: Motion::Rest,
             target: Point { q, qd: [0.0; 6] },
             target_qdd: [0.0; 6],
+            qdd: [0.0; 6],
+            motors: Motors::of(options.series),
             slider: 1.0,
             speed_scaling: 1.0,
             paused: false,
@@ -115,6 +123,16 @@ impl Robot {
         // Closed brakes hold an arm that runs away, too.
         let qd = if self.mode.brakes_released() { joints.qd } else { [0.0; 6] };
         Point { q: joints.q, qd }
+    }
+
+    /// Currents of the joints \[A\]; none while the brakes hold.
+    #[must_use]
+    pub fn currents(&self) -> [f64; 6] {
+        if !self.mode.brakes_released() {
+            return [0.0; 6];
+        }
+        let Point { q, qd } = self.actual();
+        self.motors.currents(&q, &qd, &self.qdd, self.payload)
     }
 
     /// The tool centre point at `q`.
@@ -297,12 +315,15 @@ impl Robot {
         }
         let accelerations = self.target.qd.iter().zip(before.qd).map(|(after, before)| (after - before) / dt);
         self.target_qdd.iter_mut().zip(accelerations).for_each(|(qdd, a)| *qdd = a);
+        let qd = self.arm.joints().qd;
         if self.mode.brakes_released() {
             for arm in [&mut self.arm, &mut self.sound] {
                 arm.set_speed_scaling(scaling);
                 arm.cycle(self.target.q);
             }
         }
+        let changes = self.arm.joints().qd.into_iter().zip(qd);
+        self.qdd.iter_mut().zip(changes).for_each(|(qdd, (after, before))| *qdd = (after - before) / dt);
         self.check(scaling);
     }
 

@@ -177,3 +177,42 @@ proptest! {
         }
     }
 }
+
+#[test]
+fn claimed_sizes_are_checked_before_anything_is_kept_and_trickles_end_in_time() {
+    use std::io::Write as _;
+    use std::time::{Duration, Instant};
+    for (size, believed) in [
+        (i32::MIN, false),
+        (-1, false),
+        (0, false),
+        (4, false),
+        (65_537, false),
+        (i32::MAX, false),
+        (65_536, true),
+    ] {
+        let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+        let address = listener.local_addr().unwrap();
+        let thread = std::thread::spawn(move || {
+            let (mut stream, _) = listener.accept().unwrap();
+            let mut sent = stream.write_all(&[&size.to_be_bytes()[..], &[STATE]].concat());
+            while sent.is_ok() {
+                std::thread::sleep(Duration::from_millis(2));
+                sent = stream.write_all(&[0]);
+            }
+        });
+        let mut client = Client::connect(address, Duration::from_secs(5)).unwrap();
+        let asked = Instant::now();
+        let came = client.receive(Duration::from_millis(200));
+        assert!(asked.elapsed() < Duration::from_secs(10), "{size}");
+        match came {
+            Ok(None) => assert!(believed, "{size}"),
+            Err(PrimaryError::Malformed(Malformed::Size(told))) => {
+                assert!(!believed && told == i64::from(size), "{size}: {told}");
+            }
+            other => panic!("{size}: {other:?}"),
+        }
+        drop(client);
+        thread.join().unwrap();
+    }
+}

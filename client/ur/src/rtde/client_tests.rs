@@ -4,6 +4,7 @@ use std::net::TcpListener;
 use std::thread::JoinHandle;
 
 use super::*;
+use crate::rtde::frames::LARGEST;
 use crate::rtde::value::FieldType;
 
 const PATIENCE: Duration = Duration::from_secs(5);
@@ -119,4 +120,60 @@ fn strangers_and_silence_are_told_apart() {
     let closed = listener.local_addr().unwrap();
     drop(listener);
     assert!(matches!(Client::connect(closed, PATIENCE).unwrap_err(), RtdeError::Connect(_)));
+}
+
+/// A server that sends `begin`, then `again` every few milliseconds for as long as somebody listens.
+fn trickling(begin: Vec<u8>, again: Vec<u8>) -> (SocketAddr, JoinHandle<()>) {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap();
+    let thread = std::thread::spawn(move || {
+        let (mut stream, _) = listener.accept().unwrap();
+        let mut sent = stream.write_all(&begin);
+        while sent.is_ok() {
+            std::thread::sleep(Duration::from_millis(2));
+            sent = stream.write_all(&again);
+        }
+    });
+    (address, thread)
+}
+
+#[test]
+fn lying_lengths_trickles_and_floods_end_in_time_and_within_one_package() {
+    let patience = Duration::from_millis(300);
+    let told = Message { level: 3, text: "x".repeat(255), source: "y".repeat(255) };
+    let message = Reply::Message(told).encode(ProtocolVersion::V1).unwrap();
+    for (begin, again) in [
+        // The longest package there is, of which a byte comes now and then.
+        (vec![0xff, 0xff, b'V'], vec![0]),
+        // Sizes below the header.
+        (vec![0, 0, b'V'], vec![0]),
+        (vec![0, 2, b'V'], vec![0, 2, b'V']),
+        // Messages without end, one by one and many at a time.
+        (message.clone(), message.clone()),
+        (Vec::new(), message.repeat(100)),
+        // Whole packages that answer nothing.
+        (Vec::new(), vec![0, 3, b'U', 0, 3, b'S']),
+    ] {
+        let (address, thread) = trickling(begin.clone(), again);
+        let asked = Instant::now();
+        let error = Client::connect(address, patience).unwrap_err();
+        assert!(matches!(error, RtdeError::Silent(_) | RtdeError::Wire(_)), "{begin:?}: {error}");
+        // Each of the two versions is waited for.
+        assert!(asked.elapsed() < 2 * patience + Duration::from_secs(10), "{begin:?}");
+        thread.join().unwrap();
+    }
+    // The same where a whole conversation came before: what is kept never exceeds a package.
+    let hello = reply(&Reply::Protocol(true));
+    let (address, thread) = trickling([&hello[..], &[0xff, 0xff, b'U']].concat(), vec![0; 1000]);
+    let mut client = Client::connect(address, Duration::from_secs(5)).unwrap();
+    for _ in 0..100 {
+        match client.receive(Duration::from_millis(5)) {
+            Ok(None) => assert!(client.frames.waiting() < LARGEST, "{}", client.frames.waiting()),
+            // The zeros behind the package are packages of size zero.
+            Err(RtdeError::Wire(_)) => break,
+            other => panic!("{other:?}"),
+        }
+    }
+    drop(client);
+    thread.join().unwrap();
 }

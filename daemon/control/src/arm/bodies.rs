@@ -32,12 +32,13 @@ pub(super) struct Bodies {
     pub(super) meshes: Vec<String>,
 }
 
-/// The pose of a link.
-struct Place<'a> {
-    name: &'a str,
-    link: usize,
-    rotation: Matrix3<f64>,
-    translation: Vector3<f64>,
+/// The pose of a link in the frame of the moving joint before it, as the URDF has it.
+pub(super) struct Place<'a> {
+    pub(super) name: &'a str,
+    /// Number of moving joints between base and link.
+    pub(super) link: usize,
+    pub(super) rotation: Matrix3<f64>,
+    pub(super) translation: Vector3<f64>,
 }
 
 impl Place<'_> {
@@ -48,8 +49,12 @@ impl Place<'_> {
     }
 }
 
-/// The capsules of all links on `path` (base to tip) and of those fixed to them.
-pub(super) fn bodies(robot: &Robot, base: &str, path: &[&Joint]) -> Result<Bodies, ChainError> {
+/// All links on `path` (base to tip) and those fixed to them.
+pub(super) fn places<'a>(
+    robot: &'a Robot,
+    base: &'a str,
+    path: &[&'a Joint],
+) -> Result<Vec<Place<'a>>, ChainError> {
     let (rotation, translation) = (Matrix3::identity(), Vector3::zeros());
     let mut places = vec![Place { name: base, link: 0, rotation, translation }];
     for joint in path {
@@ -72,8 +77,13 @@ pub(super) fn bodies(robot: &Robot, base: &str, path: &[&Joint]) -> Result<Bodie
         places.extend(branches?);
         done += 1;
     }
+    Ok(places)
+}
+
+/// The capsules of these links.
+pub(super) fn bodies(robot: &Robot, places: &[Place<'_>]) -> Result<Bodies, ChainError> {
     let mut found = Bodies::default();
-    for place in &places {
+    for place in places {
         shapes(robot, place, &mut found)?;
     }
     Ok(found)

@@ -9,6 +9,7 @@ use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, Unit, Vector3, Vector6};
 
 use crate::arm::Capsule;
 use crate::arm::bodies::Bodies;
+use crate::arm::dynamics::{Dynamics, DynamicsError, Inertia, Payload};
 use crate::arm::sincos::sin_cos;
 use crate::arm::urdf;
 use crate::arm::urdf::ChainError;
@@ -20,17 +21,20 @@ pub struct Chain<const J: usize> {
     links: [Link; J],
     tip_rotation: Matrix3<f64>,
     tip_translation: Vector3<f64>,
+    /// Origin of the tip link in the last joint's frame, without a tool \[m\].
+    flange: Vector3<f64>,
     limits: ChainLimits<J>,
     bodies: Bodies,
+    inertias: Result<[Inertia; J], DynamicsError>,
     base: String,
     tip: String,
 }
 
 /// Fixed transform from the previous joint's frame to this one's at q = 0, whose z is the joint axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Link {
-    rotation: Matrix3<f64>,
-    translation: Vector3<f64>,
+pub(super) struct Link {
+    pub(super) rotation: Matrix3<f64>,
+    pub(super) translation: Vector3<f64>,
 }
 
 /// What the URDF says about the joints. Acceleration limits are not part of it.
@@ -44,6 +48,8 @@ pub struct ChainLimits<const J: usize> {
     pub velocity: [f64; J],
     /// \[Nm\]
     pub effort: [f64; J],
+    /// Coulomb friction \[Nm\] and viscous friction \[Nm s/rad\]; 0 where the URDF states none.
+    pub friction: [[f64; 2]; J],
 }
 
 /// The pose of the arm at given joint positions, and the tool's response to joint velocities.
@@ -91,14 +97,21 @@ impl<const J: usize> Chain<J> {
             position: [[0.0; 2]; J],
             velocity: [0.0; J],
             effort: [0.0; J],
+            friction: [[0.0; 2]; J],
         };
         let mut bodies = found.bodies;
+        let mut masses = [Inertia::none(); J];
+        let unweighed = found.inertias.as_ref().err().cloned();
+        let weighed = found.inertias.unwrap_or_default();
+        for (mass, found) in masses.iter_mut().zip(weighed) {
+            *mass = found;
+        }
         // Carries the rotation that made the previous joint's axis z, undone before the next link.
         let mut turned = Matrix3::identity();
         let rows = limits.names.iter_mut().zip(&mut limits.position);
-        let rows = rows.zip(&mut limits.velocity).zip(&mut limits.effort);
-        for (index, ((link, (((name, position), velocity), effort)), s)) in
-            links.iter_mut().zip(rows).zip(found.segments).enumerate()
+        let rows = rows.zip(&mut limits.velocity).zip(&mut limits.effort).zip(&mut limits.friction);
+        for (index, (((link, mass), ((((name, position), velocity), effort), friction)), s)) in
+            links.iter_mut().zip(&mut masses).zip(rows).zip(found.segments).enumerate()
         {
             let turn = rotation_from_z_to(&s.axis);
             *link = Link {
@@ -110,18 +123,23 @@ impl<const J: usize> Chain<J> {
                 let Segment { from, to } = body.segment;
                 body.segment = Segment { from: turn.tr_mul(&from), to: turn.tr_mul(&to) };
             }
+            *mass = mass.turned(&turn.transpose());
             (*name, *position, *velocity, *effort) = (s.name, s.position, s.velocity, s.effort);
+            *friction = s.friction;
         }
         if count != J {
             let (base, tip) = (found.base, found.tip);
             return Err(ChainError::Count { found: count, expected: J, base, tip });
         }
+        let flange = turned.transpose() * found.tip_translation;
         Ok(Self {
             links,
             tip_rotation: turned.transpose() * found.tip_rotation,
-            tip_translation: turned.transpose() * found.tip_translation,
+            tip_translation: flange,
+            flange,
             limits,
             bodies,
+            inertias: unweighed.map_or(Ok(masses), Err),
             base: found.base,
             tip: found.tip,
         })
@@ -158,6 +176,23 @@ impl<const J: usize> Chain<J> {
     #[must_use]
     pub fn mesh_links(&self) -> &[String] {
         &self.bodies.meshes
+    }
+
+    /// The torques of this arm with `payload`; the tool's offset does not count.
+    ///
+    /// # Errors
+    ///
+    /// A moving link without mass, inertials that no body has, or such a payload.
+    pub fn dynamics(&self, payload: &Payload) -> Result<Dynamics<J>, DynamicsError> {
+        let bodies = self.inertias.clone()?;
+        let tip = (&self.tip_rotation, &self.flange);
+        Dynamics::new(self.links, bodies, &self.limits.names, tip, payload)
+    }
+
+    /// What a payload alone asks of the joints, as if the links weighed nothing.
+    #[must_use]
+    pub fn payload_dynamics(&self, payload: &Payload) -> Dynamics<J> {
+        Dynamics::alone(self.links, (&self.tip_rotation, &self.flange), payload)
     }
 
     /// Largest distance of a point of the capsule's axis from the axis of each joint that moves it \[m\]; 0

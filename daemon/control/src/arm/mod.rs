@@ -1,17 +1,22 @@
-//! The arm: its kinematic chain, the limits of its joints, and its lag.
+//! The arm: its kinematic chain, its torques, the limits of its joints, and its lag.
 //!
 //! Contract: no memory but that of [`lag`], no policy. Planner, solvers and monitors use this description.
 
+mod band;
 pub(crate) mod bodies;
 pub mod chain;
+pub mod dynamics;
 pub mod lag;
 pub mod limits;
+pub mod response;
 pub(crate) mod servo;
 pub(crate) mod silence;
 mod sincos;
+mod track;
 pub(crate) mod urdf;
 
 pub use bodies::Capsule;
 pub use chain::{Chain, ChainLimits, Kinematics, ToolMotion};
+pub use dynamics::{Dynamics, DynamicsError, Payload};
 pub use limits::{JointLimits, JointMotion, LimitError, VelocityBox, velocity_box};
 pub use urdf::{ChainError, description};

@@ -2,13 +2,15 @@
 //!
 //! Contract: reads a string, never a file. Accepts revolute, continuous and fixed joints; refuses whatever
 //! the control law cannot follow, naming the joint or link. Collision geometry becomes capsules
-//! ([`crate::clearance`]); inertia, visuals and transmissions are ignored.
+//! ([`crate::clearance`]), inertials the masses of [`crate::arm::Dynamics`]; visuals and transmissions are
+//! ignored.
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use thiserror::Error;
 use urdf_rs::{Joint, JointType, Robot};
 
-use crate::arm::bodies::{Bodies, bodies};
+use crate::arm::bodies::{Bodies, bodies, places};
+use crate::arm::dynamics::{DynamicsError, Inertia, inertias};
 
 /// Why a robot description cannot be used.
 #[derive(Debug, Clone, PartialEq, Error)]
@@ -121,6 +123,19 @@ pub enum ChainError {
         /// Link name.
         link: String,
     },
+    /// Friction below 0 or NaN.
+    #[error(
+        "joint `{joint}`: <dynamics {what}=\"{value}\"> cannot be used; give a number of 0 or more, or leave \
+         it out"
+    )]
+    Friction {
+        /// Joint name.
+        joint: String,
+        /// Which number.
+        what: &'static str,
+        /// As read.
+        value: f64,
+    },
     /// The limit element is missing, empty or NaN.
     #[error(
         "joint `{joint}`: {what} {value} {unit} cannot be used; give <limit lower upper velocity effort>, \
@@ -154,6 +169,8 @@ pub(super) struct Segment {
     pub(super) velocity: f64,
     /// \[Nm\]
     pub(super) effort: f64,
+    /// Coulomb friction \[Nm\] and viscous friction \[Nm s/rad\], 0 where the description has none.
+    pub(super) friction: [f64; 2],
 }
 
 /// A serial chain: moving joints base to tip, then the fixed transform to the tip link.
@@ -165,6 +182,8 @@ pub(super) struct Segments {
     pub(super) base: String,
     pub(super) tip: String,
     pub(super) bodies: Bodies,
+    /// What moves with each joint; a description with wrong inertials can still be followed.
+    pub(super) inertias: Result<Vec<Inertia>, DynamicsError>,
 }
 
 /// Reads the chain from `base` (default: the only root) to `tip` (default: the only leaf).
@@ -180,7 +199,10 @@ pub(super) fn segments(text: &str, base: Option<&str>, tip: Option<&str>) -> Res
     };
     let tip = path.last().map_or_else(|| base.clone(), |j| j.child.link.clone());
 
-    let bodies = bodies(&robot, &base, &path)?;
+    let places = places(&robot, &base, &path)?;
+    let bodies = bodies(&robot, &places)?;
+    let moving_joints = path.iter().filter(|joint| joint.joint_type != JointType::Fixed).count();
+    let inertias = inertias(&robot, &places, moving_joints);
     let mut segments = Vec::new();
     let (mut rotation, mut translation) = (Matrix3::identity(), Vector3::zeros());
     for joint in path {
@@ -192,7 +214,15 @@ pub(super) fn segments(text: &str, base: Option<&str>, tip: Option<&str>) -> Res
             (rotation, translation) = (Matrix3::identity(), Vector3::zeros());
         }
     }
-    Ok(Segments { segments, tip_rotation: rotation, tip_translation: translation, base, tip, bodies })
+    Ok(Segments {
+        segments,
+        tip_rotation: rotation,
+        tip_translation: translation,
+        base,
+        tip,
+        bodies,
+        inertias,
+    })
 }
 
 /// Reads a robot description.
@@ -336,8 +366,16 @@ fn segment(
     if !(effort.is_finite() && effort >= 0.0) {
         return Err(limit_error(joint, "effort limit", effort, "Nm"));
     }
+    let dynamics = joint.dynamics.as_ref();
+    let friction = dynamics.map_or([0.0; 2], |dynamics| [dynamics.friction, dynamics.damping]);
+    for (what, value) in ["friction", "damping"].into_iter().zip(friction) {
+        if !(value.is_finite() && value >= 0.0) {
+            return Err(ChainError::Friction { joint: joint.name.clone(), what, value });
+        }
+    }
     let axis = Vector3::new(x, y, z) / length;
-    Ok(Segment { name: joint.name.clone(), rotation, translation, axis, position, velocity, effort })
+    let name = joint.name.clone();
+    Ok(Segment { name, rotation, translation, axis, position, velocity, effort, friction })
 }
 
 fn limit_error(joint: &Joint, what: &'static str, value: f64, unit: &'static str) -> ChainError {

@@ -17,6 +17,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
                 }
                 self.mover.seed(now, &joints.q)?;
                 self.monitor.begin(now);
+                self.contact.begin();
                 self.watch.arm(now);
                 self.learner_doubt_ns = 0;
             }
@@ -31,6 +32,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
                 }
                 self.mover.seed_home(now, &joints.q)?;
                 self.monitor.begin(now);
+                self.contact.begin();
                 self.watch.move_home(now);
             }
             Request::Disarm => {

@@ -2,6 +2,7 @@
 
 use super::Follower;
 use super::io::{Health, JointReading, MAX_STEPS_PER_TICK, Refusal, Request, StepInput};
+use crate::contact::EffortReading;
 use crate::pen::{Motion, PenReading};
 use crate::predict::LearnStep;
 use crate::skill::Closed;
@@ -45,14 +46,14 @@ impl<const N: usize, const J: usize> Follower<N, J> {
             && let Some((q, tool)) = self.mover.carried()
         {
             self.lag.commanded(now, &q);
-            self.monitor.commanded(now, &q, &tool);
+            self.tell_judges(now, &q, &tool);
         }
         if let Some((reason, detail)) = input.halt {
             self.watch.latch_with(now, reason, detail);
         }
         self.watch.observe(now, input.joints, input.enable, health);
         if let Some(joints) = input.joints.filter(|_| !health.has(Health::JOINTS_REJECTED)) {
-            self.measure(now, joints);
+            self.measure(now, joints, input.effort);
         }
         self.dead_time.advance(self.lag.estimate().as_ref(), self.settings.period_ns);
         let answer = input.request.map(|request| self.answer(now, request));
@@ -62,9 +63,9 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         Seen { lost_ns, answer, begins }
     }
 
-    fn measure(&mut self, now: Stamp, joints: &JointReading<J>) {
+    fn measure(&mut self, now: Stamp, joints: &JointReading<J>, effort: Option<&EffortReading<J>>) {
         self.lag.measured(joints.stamp, &joints.q);
-        self.monitor_joints(now, joints);
+        self.monitor_joints(now, joints, effort);
     }
 
     /// Takes in the pen samples, and closes grid steps with them.

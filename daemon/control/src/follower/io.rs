@@ -2,6 +2,7 @@
 
 pub use super::request::{Refusal, Request};
 use crate::arm::lag::LagEstimate;
+use crate::contact::EffortReading;
 use crate::ik::IkReport;
 use crate::mpc::AxisReport;
 use crate::pen::{PenCounters, PenOrigin, PenReading, PenRefusal};
@@ -183,6 +184,8 @@ pub struct StepInput<'a, const J: usize> {
     pub pen: &'a [PenReading],
     /// Newest joint state, if one arrived since the last tick.
     pub joints: Option<&'a JointReading<J>>,
+    /// Efforts of that joint state, where the arm reports any.
+    pub effort: Option<&'a EffortReading<J>>,
     /// Newest dead-man message, if one arrived since the last tick.
     pub enable: Option<EnableReading>,
     /// At most one request a tick.
@@ -198,7 +201,16 @@ impl<const J: usize> StepInput<'_, J> {
     /// A tick in which nothing arrived.
     #[must_use]
     pub const fn nothing(now: Stamp) -> Self {
-        Self { now, pen: &[], joints: None, enable: None, request: None, halt: None, weights: None }
+        Self {
+            now,
+            pen: &[],
+            joints: None,
+            effort: None,
+            enable: None,
+            request: None,
+            halt: None,
+            weights: None,
+        }
     }
 }
 

@@ -39,6 +39,7 @@ use report::Outcomes;
 use watch::Watch;
 
 use crate::arm::lag::{Aim, DeadTime, LagEstimator};
+use crate::contact::Contact;
 use crate::monitor::Monitor;
 use crate::pen::{PenTracker, Silence};
 use crate::predict::refine::{Preview, Refiner};
@@ -75,13 +76,14 @@ pub struct Follower<const N: usize, const J: usize> {
     lag: Box<LagEstimator<J>>,
     dead_time: DeadTime,
     monitor: Box<Monitor<J>>,
+    contact: Box<Contact<J>>,
     mover: Mover<N, J>,
 }
 
 state! {
     [const N: usize, const J: usize] Follower<N, J> {
         watch, pen, silence, previewer, preview, refiner, pending_predictor, skill, left, trust,
-        trust_request, plans, overtaxed, outcome, learner_doubt_ns, lag, dead_time, monitor, mover,
+        trust_request, plans, overtaxed, outcome, learner_doubt_ns, lag, dead_time, monitor, contact, mover,
     }
     fixed { settings, reference }
 }
@@ -123,7 +125,12 @@ impl<const N: usize, const J: usize> Follower<N, J> {
             learner_doubt_ns: 0,
             lag: Box::new(LagEstimator::new()),
             dead_time: DeadTime::new(settings.dead_time_ns, settings.following).aiming_at(aim),
-            monitor: Monitor::boxed(settings.safety.tracking, settings.longest_lag_ns()),
+            monitor: Monitor::boxed(
+                settings.safety.tracking,
+                settings.longest_lag_ns(),
+                *settings.limits.velocity(),
+            ),
+            contact: Contact::boxed(settings.safety.contact, &settings.chain, &settings.payload),
             mover,
             settings,
         })
@@ -159,6 +166,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
     pub(crate) fn take_over(&mut self, now: Stamp, q: &[f64; J]) -> Result<(), Refusal> {
         self.mover.seed(now, q)?;
         self.monitor.begin(now);
+        self.contact.begin();
         self.watch.arm(now);
         Ok(())
     }

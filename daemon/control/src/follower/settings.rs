@@ -6,8 +6,9 @@ use thiserror::Error;
 
 use crate::arm::lag::Following;
 use crate::arm::limits::LONGEST_EASE_S;
-use crate::arm::{Chain, JointLimits};
+use crate::arm::{Chain, JointLimits, Payload};
 use crate::clearance::{ClearanceError, ClearanceSettings};
+use crate::contact::ContactSettings;
 use crate::envelope::{EnvelopeError, EnvelopeSettings};
 use crate::ik::{BackendError, IkBackend, IkSettings};
 use crate::monitor::{LONGEST_LAG_NS, TrackingSettings};
@@ -47,6 +48,8 @@ pub struct SafetySettings {
     pub approach_distance: f64,
     /// How far the arm may be from where it was commanded to be.
     pub tracking: TrackingSettings,
+    /// When efforts that the arm reports mean that it touches something.
+    pub contact: ContactSettings,
     /// How far the tool may move whatever the plan is. Not used for a plan without limits.
     pub envelope: EnvelopeSettings,
 }
@@ -54,6 +57,8 @@ pub struct SafetySettings {
 /// Everything the follower is built from.
 #[derive(Debug, Clone)]
 pub struct FollowerSettings<const J: usize> {
+    /// What the arm carries beyond the links of its description, for the torques that it needs.
+    pub payload: Payload,
     /// Control period dt \[ns\].
     pub period_ns: u64,
     /// Pen samples to grid. Its step Δ is the grid of prediction and plan; a multiple of `period_ns`.
@@ -350,7 +355,8 @@ impl<const J: usize> FollowerSettings<J> {
             ("plane origin y", y, -10.0, 10.0, "m"),
             ("plane origin z", z, -10.0, 10.0, "m"),
         ];
-        let mut numbers = numbers.into_iter().chain(self.safety.tracking.numbers());
+        let mut numbers =
+            numbers.into_iter().chain(self.safety.tracking.numbers()).chain(self.safety.contact.numbers());
         match numbers.find(|(_, value, low, high, _)| !(low..=high).contains(&value)) {
             Some((name, value, low, high, unit)) => {
                 Err(FollowerError::Number { name, value, low, high, unit })

@@ -31,7 +31,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         match &moved.command {
             Some(command) => {
                 self.lag.commanded(command.stamp, &command.q);
-                self.monitor.commanded(command.stamp, &command.q, &moved.tool);
+                self.tell_judges(command.stamp, &command.q, &moved.tool);
             }
             None => self.lag.released(),
         }

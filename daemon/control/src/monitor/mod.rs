@@ -9,13 +9,19 @@
 //! - *runaway* and *wrong direction*: outside by half of the tolerance and moving away;
 //! - *oscillation*: outside on alternating sides, farther with each swing;
 //! - *no motion*: commands moved the joint, at every lag that is possible, and it stood, though the slowest
-//!   arm that is possible would have moved.
+//!   arm that is possible would have moved;
+//! - *response*: up to two joints do not answer as the rest of the arm does.
+//!
+//! A servo whose damping is below critical leaves the span by its overshoot: the span is widened by where the
+//! arm's own response has the joints, and until that is known by where servos with little damping would be.
 //!
 //! After a stop for such a reason the arm may not be armed while it moves by itself or is not where it is
 //! held, until an operator disarms. Absent: the arm before it was commanded; force.
 
+mod answer;
 mod ceiling;
 mod direction;
+mod overshoot;
 mod pace;
 mod path;
 mod recent;
@@ -26,13 +32,16 @@ mod swing;
 use crate::state::state;
 pub use settings::{SlowArm, TrackingSettings};
 
+use answer::{Answers, Judged};
 use direction::Directions;
+use overshoot::Overshoot;
 use pace::{Pace, SLOW_SHARE};
-use path::{KEPT_NS, Path};
+use path::{BLOCK_NS, KEPT_NS, Path};
 use recent::Recent;
 use swing::Swings;
 
-use crate::arm::lag::LagEstimate;
+use crate::arm::lag::{LagEstimate, LagEstimator};
+use crate::arm::response::Expected;
 use crate::stop::{StopCause, StopDetail};
 use crate::units::Stamp;
 
@@ -69,8 +78,11 @@ const SWUNG: f64 = 0.25;
 const AGAINST: f64 = 2.0;
 /// An arm outside its commands by this share of the tolerances is behind.
 const BEHIND: f64 = 0.1;
-/// Factor on the tolerances of a slow arm while the tool is being slowed down.
+/// Factor on the tolerances of a slow arm while the tool is being slowed down, and on that of the tool until
+/// the arm has moved enough to be known.
 const PATIENT: f64 = 3.0;
+/// The expected joints are those of an instant that may be this much older than the measured ones \[s\].
+const AGE_S: f64 = 0.015;
 /// Speeds are measured over this time at least \[ns\].
 const SPEED_NS: u64 = 16_000_000;
 
@@ -79,6 +91,8 @@ const SPEED_NS: u64 = 16_000_000;
 pub struct Monitor<const J: usize> {
     settings: TrackingSettings,
     longest_ns: u64,
+    /// Velocity limits of the joints \[rad/s\].
+    fastest_radps: [f64; J],
     commands: Path<J>,
     tools: Path<3>,
     measured: Path<J>,
@@ -86,6 +100,10 @@ pub struct Monitor<const J: usize> {
     swings: Swings<J>,
     directions: Directions<J>,
     pace: Pace<J>,
+    answers: Answers<J>,
+    overshoot: Overshoot<J>,
+    /// The block in which the commands were last widened.
+    widened: u64,
     /// The newest joint state was slightly outside the commands.
     behind: bool,
     /// Assumed lag of the arm \[s\].
@@ -104,10 +122,19 @@ pub struct Monitor<const J: usize> {
 
 state! {
     [const J: usize] Monitor<J> {
-        commands, tools, measured, recent, swings, directions, pace, behind, lag_s, begun, moved,
-        since, looked, suspect,
+        commands, tools, measured, recent, swings, directions, pace, answers, overshoot, widened,
+        behind, lag_s, begun, moved, since, looked, suspect,
     }
-    fixed { settings, longest_ns }
+    fixed { settings, longest_ns, fastest_radps }
+}
+
+/// What is known about the arm's answer to its commands.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Known<'a, const J: usize> {
+    /// How late it is.
+    pub lag: Option<LagEstimate>,
+    /// Where its own response has the joints.
+    pub response: Option<&'a LagEstimator<J>>,
 }
 
 /// How a joint differs from its commands.
@@ -119,11 +146,13 @@ struct Wrong {
 }
 
 impl<const J: usize> Monitor<J> {
-    /// A monitor without observations, of an arm whose lag is at most `longest_ns`.
+    /// A monitor without observations, of an arm whose lag is at most `longest_ns` and whose joints are no
+    /// faster than `fastest_radps` \[rad/s\].
     #[must_use]
-    pub fn new(settings: TrackingSettings, longest_ns: u64) -> Self {
+    pub fn new(settings: TrackingSettings, longest_ns: u64, fastest_radps: [f64; J]) -> Self {
         Self {
             settings,
+            fastest_radps,
             longest_ns: longest_ns.min(KEPT_NS / 2),
             commands: Path::new(),
             tools: Path::new(),
@@ -132,6 +161,9 @@ impl<const J: usize> Monitor<J> {
             swings: Swings::new(),
             directions: Directions::new(),
             pace: Pace::new(),
+            answers: Answers::new(),
+            overshoot: Overshoot::new(),
+            widened: 0,
             behind: false,
             lag_s: longest_ns as f64 * 1e-9,
             begun: Stamp(0),
@@ -145,8 +177,8 @@ impl<const J: usize> Monitor<J> {
     /// The same on the heap; on a stack frame of its own, because it is large.
     #[must_use]
     #[inline(never)]
-    pub fn boxed(settings: TrackingSettings, longest_ns: u64) -> Box<Self> {
-        Box::new(Self::new(settings, longest_ns))
+    pub fn boxed(settings: TrackingSettings, longest_ns: u64, fastest_radps: [f64; J]) -> Box<Self> {
+        Box::new(Self::new(settings, longest_ns, fastest_radps))
     }
 
     /// The loop takes charge of an arm that stands still: earlier commands and joint states are ignored.
@@ -157,6 +189,8 @@ impl<const J: usize> Monitor<J> {
         self.swings = Swings::new();
         self.directions = Directions::new();
         self.pace = Pace::new();
+        self.answers = Answers::new();
+        self.overshoot.forget();
         self.begun = now;
         self.moved = 0;
         self.since = None;
@@ -168,6 +202,12 @@ impl<const J: usize> Monitor<J> {
         self.commands.push(stamp, q);
         self.tools.push(stamp, tool);
         self.pace.commanded(stamp, q, tool, self.lag_s);
+        if self.moved < LEARNED_BLOCKS {
+            self.overshoot.commanded(stamp, q);
+            for joints in self.overshoot.positions() {
+                self.commands.widen(joints);
+            }
+        }
     }
 
     /// Fraction of the commanded speed at which the arm moves; `None` until it has moved.
@@ -182,14 +222,14 @@ impl<const J: usize> Monitor<J> {
         self.pace.allowed_mps().filter(|_| self.settings.slow_arm == SlowArm::SlowDown)
     }
 
-    /// A joint state of an arm in charge: joints `q` \[rad\], which put the tool at `tool` \[m\], plane
-    /// frame, measured at `stamp`. Returns what is wrong, once that has lasted.
+    /// A joint state of an arm in charge: joints `q` \[rad\], measured at `stamp`. `tool_of` gives the tool
+    /// that joints have \[m\], plane frame. Returns what is wrong, once that has lasted.
     pub fn measured(
         &mut self,
         stamp: Stamp,
         q: &[f64; J],
-        tool: &[f64; 3],
-        lag: Option<&LagEstimate>,
+        known: &Known<'_, J>,
+        tool_of: impl Fn(&[f64; J]) -> [f64; 3],
     ) -> Option<StopDetail> {
         if self.recent.newest().is_some_and(|newest| newest >= stamp) {
             return None;
@@ -199,15 +239,17 @@ impl<const J: usize> Monitor<J> {
             return None;
         }
         self.measured.push(stamp, q);
-        let reach_ns = self.reach_ns(lag);
+        self.widen(known.response.and_then(LagEstimator::expected), &tool_of);
+        let reach_ns = self.reach_ns(known.lag.as_ref());
         let oldest = Stamp(stamp.0.saturating_sub(reach_ns));
         let speeds = self.recent.speed(SPEED_NS);
-        let found = self.outside(oldest, stamp, q, tool, &speeds.unwrap_or([0.0; J]));
+        let found = self.outside(oldest, stamp, q, &tool_of(q), &speeds.unwrap_or([0.0; J]));
         self.since = self.since.filter(|_| found.is_some());
         let lasting = self.lasting(stamp, found);
         let still = self.standing(stamp);
+        let differs = known.response.and_then(|response| self.differs(response, speeds.as_ref(), &tool_of));
         let slow = speeds.and_then(|speeds| self.slow(stamp, &speeds));
-        let wrong = lasting.or(still).or(slow);
+        let wrong = lasting.or(still).or(differs).or(slow);
         self.suspect |= wrong.is_some();
         wrong
     }
@@ -240,6 +282,56 @@ impl<const J: usize> Monitor<J> {
         moves || away
     }
 
+    /// Adds to the span what servos with overshoot make of the commands, once per block.
+    fn widen(&mut self, expected: Option<&Expected<J>>, tool_of: &impl Fn(&[f64; J]) -> [f64; 3]) {
+        if self.widened == self.measured.newest() {
+            return;
+        }
+        self.widened = self.measured.newest();
+        if self.moved < LEARNED_BLOCKS {
+            for joints in self.overshoot.positions() {
+                self.tools.widen(&tool_of(joints));
+            }
+        }
+        let Some(expected) = expected else { return };
+        let mut ahead = expected.q;
+        ahead.iter_mut().zip(&expected.qd).for_each(|(q, qd)| *q += qd * AGE_S);
+        for joints in [&expected.q, &ahead] {
+            self.commands.widen(joints);
+            self.tools.widen(&tool_of(joints));
+        }
+    }
+
+    /// A joint that does not answer as the rest of the arm.
+    fn differs(
+        &mut self,
+        response: &LagEstimator<J>,
+        speeds: Option<&[f64; J]>,
+        tool_of: &impl Fn(&[f64; J]) -> [f64; 3],
+    ) -> Option<StopDetail> {
+        let newest = response.expected()?;
+        let (begun, tool_m) = (self.begun, self.settings.tool_m);
+        let lately = Stamp(newest.stamp.0.saturating_sub(self.longest_ns + MOTION_NS));
+        let moved = self.commands.span_of_ends(lately, newest.stamp)?.width();
+        let (speeds, limits) = (speeds.unwrap_or(&[0.0; J]), &self.fastest_radps);
+        let judged = Judged { moved: &moved, speeds, limits, tool_m, tool_of };
+        let mut found = None;
+        if self.answers.new_to(newest.stamp) {
+            // What the arm did before its response was known is judged now.
+            response.expected_lately(|expected| {
+                if expected.stamp >= begun {
+                    found = self.answers.see(expected, &judged).or(found);
+                }
+            });
+        } else {
+            found = self.answers.see(newest, &judged);
+        }
+        let found = found?;
+        let (cause, joint) = (StopCause::Response, u8::try_from(found.joint).ok());
+        let (amount, limit) = (found.away_m, found.limit_m);
+        Some(StopDetail { cause, joint, amount, limit, ..StopDetail::default() })
+    }
+
     /// Age of the oldest command that a joint state may still be answering \[ns\].
     fn reach_ns(&mut self, lag: Option<&LagEstimate>) -> u64 {
         let longest_s = self.longest_ns as f64 * 1e-9;
@@ -266,8 +358,15 @@ impl<const J: usize> Monitor<J> {
         let TrackingSettings { joint_rad, tool_m, runaway_radps, .. } = self.settings;
         self.behind = outside.iter().any(|outside| outside.abs() > BEHIND * joint_rad);
         let grown = self.swings.see(stamp, &outside, SWINGING * self.settings.joint_rad);
-        let patience = if self.pace.patient(stamp) { PATIENT } else { 1.0 };
-        let (far_rad, far_m) = (patience * joint_rad, patience * tool_m);
+        let slow = if self.pace.patient(stamp) { PATIENT } else { 1.0 };
+        // An arm that is not known yet may turn out to be slow.
+        let unknown = if self.moved < LEARNED_BLOCKS { PATIENT } else { 1.0 };
+        let (far_rad, far_m) = (slow * joint_rad, slow * unknown * tool_m);
+        let tool_away = self.tools.span(oldest, newest).map_or(0.0, |span| {
+            let [x, y, z] = span.outside(tool);
+            x.hypot(y).hypot(z)
+        });
+        self.behind |= tool_away > BEHIND * tool_m;
         let mut worst: Option<Wrong> = None;
         let mut blame = |cause, joint, amount: f64, limit: f64| {
             let severity = amount / limit;
@@ -286,10 +385,12 @@ impl<const J: usize> Monitor<J> {
                 blame(StopCause::Oscillation, joint, *swing, SWUNG * joint_rad);
             }
             let leaving = speed * outside.signum();
-            if away > LEAVING * joint_rad && away <= joint_rad && leaving > runaway_radps {
+            // Where the tool is away already, the joint that takes it there is named.
+            let least = if tool_away > far_m { BEHIND } else { LEAVING };
+            if away > least * joint_rad && away <= joint_rad && leaving > runaway_radps {
                 // The largest lead of the commands in the other direction, of all that may be answered.
                 let against = if *outside > 0.0 { high - commanded } else { commanded - low };
-                if against > LEAVING * joint_rad {
+                if against > LEAVING * joint_rad && away > LEAVING * joint_rad {
                     blame(StopCause::WrongDirection, joint, away, LEAVING * joint_rad);
                 } else {
                     blame(StopCause::Runaway, joint, leaving, runaway_radps);
@@ -297,11 +398,15 @@ impl<const J: usize> Monitor<J> {
             }
             blame(StopCause::JointDeviation, joint, away, far_rad);
         }
-        if let Some(span) = self.tools.span(oldest, newest) {
-            let [x, y, z] = span.outside(tool);
-            let away = x.hypot(y).hypot(z);
-            self.behind |= away > BEHIND * tool_m;
-            blame(StopCause::ToolDeviation, None, away, far_m);
+        // Several joints that are each a little off: what names a joint comes first.
+        if worst.is_none() {
+            let detail = StopDetail {
+                cause: StopCause::ToolDeviation,
+                amount: tool_away,
+                limit: far_m,
+                ..StopDetail::default()
+            };
+            worst = (tool_away > far_m).then_some(Wrong { detail, severity: tool_away / far_m });
         }
         worst
     }
@@ -334,7 +439,8 @@ impl<const J: usize> Monitor<J> {
         }
         self.looked = self.measured.newest();
         let widest = |width: [f64; J]| width.iter().fold(0.0, |most: f64, width| most.max(*width));
-        let last_block = self.commands.span(stamp, stamp)?.width();
+        let block_ago = Stamp(stamp.0.saturating_sub(BLOCK_NS));
+        let last_block = self.commands.span_of_ends(block_ago, stamp)?.width();
         if widest(last_block) > MOVING_RAD {
             self.moved = self.moved.saturating_add(1);
         }
@@ -348,7 +454,8 @@ impl<const J: usize> Monitor<J> {
         if begin < self.begun {
             return None;
         }
-        let asked = self.commands.span(begin, Stamp(stamp.0.saturating_sub(self.longest_ns)))?.width();
+        let lately = Stamp(stamp.0.saturating_sub(self.longest_ns));
+        let asked = self.commands.span_of_ends(begin, lately)?.width();
         let done = self.measured.span(begin, stamp)?.width();
         let limit = self.settings.still_rad;
         let moved = asked.iter().filter(|asked| **asked > limit).count();

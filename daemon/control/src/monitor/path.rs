@@ -129,6 +129,16 @@ impl<const K: usize> Path<K> {
         self.last = Some((stamp, *point));
     }
 
+    /// Adds a place to the newest block besides the samples; ignored before the first of these.
+    pub(super) fn widen(&mut self, point: &[f64; K]) {
+        if self.last.is_some()
+            && point.iter().all(|number| number.is_finite())
+            && let Some(span) = self.at(self.end)
+        {
+            span.include(point);
+        }
+    }
+
     fn end_with(&mut self, point: &[f64; K]) {
         if let Some(end) = self.ends.get_mut(self.end as usize % KEPT) {
             *end = *point;
@@ -155,6 +165,22 @@ impl<const K: usize> Path<K> {
         let oldest = self.begin.max(self.end.saturating_sub(KEPT as u64 - 1));
         let blocks = self.last.is_some().then_some(oldest..=self.end).into_iter().flatten();
         blocks.filter_map(|block| Some((Stamp(block * BLOCK_NS), self.ends.get(block as usize % KEPT)?)))
+    }
+
+    /// The range of the samples at the ends of the blocks from `from` to `to`, as far as it is known, without
+    /// what was added besides; `None` before the first sample.
+    pub(super) fn span_of_ends(&self, from: Stamp, to: Stamp) -> Option<Span<K>> {
+        self.last.as_ref()?;
+        let oldest = self.begin.max(self.end.saturating_sub(KEPT as u64 - 1));
+        let first = (from.0 / BLOCK_NS).clamp(oldest, self.end);
+        let last = (to.0 / BLOCK_NS).clamp(first, self.end);
+        let mut span = Span::NOTHING;
+        for block in first..=last {
+            if let Some(end) = self.ends.get(block as usize % KEPT) {
+                span.include(end);
+            }
+        }
+        Some(span)
     }
 
     /// The range from `from` to `to`, as far as it is known; the nearest block if that is empty. `None`

@@ -32,7 +32,7 @@ impl TrackingSettings {
     /// From measurements, see docs/results/not-following.md.
     pub const DEFAULT: Self = Self {
         joint_rad: 0.02,
-        tool_m: 0.015,
+        tool_m: 0.005,
         still_rad: 0.006,
         runaway_radps: 0.1,
         hold_ns: 10_000_000,

@@ -2,6 +2,7 @@
 //! judge is `CommandChecker` (inside `support::Bench`), which shares no code with the guard.
 
 use crate::support::{Bench, PERIOD_NS, settings};
+use foretrace_control::contact::{EffortReading, EffortUnit};
 use foretrace_control::follower::{Budget, EnableReading, JointReading, Mode, Request, StepInput};
 use foretrace_control::pen::PenReading;
 use foretrace_control::predict::bands::BAND_LEADS;
@@ -86,6 +87,18 @@ fn request(rng: &mut Pcg64) -> Request {
     }
 }
 
+/// Efforts of no arm: from a seed of their own, so that the rest of a run keeps its dice.
+fn poisoned_effort(seed: u64, tick: u32, now: Stamp) -> EffortReading<6> {
+    let mut rng = Pcg64::seed_from_u64(seed ^ u64::from(tick).wrapping_mul(0x9e37_79b9_7f4a_7c15));
+    let units = [EffortUnit::NewtonMetres, EffortUnit::Amperes, EffortUnit::Share];
+    let mut effort = [0.0; 6].map(|_: f64| rng.random_range(-20.0..20.0));
+    if rng.random_bool(0.02) {
+        effort[rng.random_range(0..6)] = POISON[rng.random_range(0..POISON.len())];
+    }
+    let unit = units[if rng.random_bool(0.001) { rng.random_range(0..3) } else { seed as usize % 3 }];
+    EffortReading { stamp: now, effort, unit }
+}
+
 /// One run of a follower, in front of a servo that its plan models unless `servo_ns` is 0; returns how many
 /// commands moved.
 fn live(seed: u64, ticks: u32, spite: f64, servo_ns: u64) -> u32 {
@@ -116,11 +129,13 @@ fn live(seed: u64, ticks: u32, spite: f64, servo_ns: u64) -> u32 {
             };
             sabotaged(&mut rng, &mut weights, value);
         }
+        let effort = poisoned_effort(seed, tick, bench.now);
         let restless = bench.last.is_none() || rng.random_bool(0.02 * spite);
         let input = StepInput {
             now: bench.now,
             pen: &samples,
             joints: (!rng.random_bool(0.05 * spite)).then_some(&joints),
+            effort: Some(&effort),
             enable: rng
                 .random_bool(0.5)
                 .then(|| EnableReading { stamp: bench.now, stop: rng.random_bool(0.001) }),

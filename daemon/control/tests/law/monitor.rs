@@ -3,7 +3,7 @@
 use crate::support;
 use foretrace_control::arm::lag::LagEstimate;
 use foretrace_control::follower::FollowerError;
-use foretrace_control::monitor::{Monitor, SlowArm, TrackingSettings};
+use foretrace_control::monitor::{Known, Monitor, SlowArm, TrackingSettings};
 use foretrace_control::predict::PredictorKind;
 use foretrace_control::stop::{StopCause, StopDetail};
 use foretrace_control::units::Stamp;
@@ -23,7 +23,7 @@ struct Rig {
 
 impl Rig {
     fn new(settings: TrackingSettings, longest_ns: u64) -> Self {
-        let mut monitor = Monitor::new(settings, longest_ns);
+        let mut monitor = Monitor::new(settings, longest_ns, [3.1; 3]);
         monitor.begin(Stamp(1_000_000_000));
         let mut rig = Self { monitor, lag: None, tick: 500 };
         rig.monitor.commanded(rig.now(), &[0.0; 3], &[0.0; 3]);
@@ -41,8 +41,12 @@ impl Rig {
     /// One tick: joint states as `measured`, with the tool `off` \[m\] where they put it, then the next
     /// command.
     fn tick_off(&mut self, measured: [f64; 3], off: [f64; 3], command: [f64; 3]) -> Option<StopDetail> {
-        let tool = [off[0] + LEVER_M * measured[0], off[1], off[2]];
-        let wrong = self.monitor.measured(self.now(), &measured, &tool, self.lag.as_ref());
+        let known = Known { lag: self.lag, response: None };
+        let tool_of = |q: &[f64; 3]| {
+            let [x, y, z] = if *q == measured { off } else { [0.0; 3] };
+            [x + LEVER_M * q[0], y, z]
+        };
+        let wrong = self.monitor.measured(self.now(), &measured, &known, tool_of);
         self.tick += 1;
         self.monitor.commanded(self.now(), &command, &[LEVER_M * command[0], 0.0, 0.0]);
         wrong
@@ -172,17 +176,31 @@ fn what_creeps_away_is_blamed_where_the_tolerance_ends() {
     let mut rig = Rig::usual().rested();
     assert!((0..800).all(|tick| rig.tick([0.0, 0.0, creep(tick).max(-joint_rad)], [0.0; 3]).is_none()));
 
-    // The tool is judged by its distance: the way along three axes together.
-    for (off, blamed) in [(0.0088, true), (0.0085, false)] {
-        let mut rig = Rig::usual().rested();
-        let found = (0..500).find_map(|tick| {
-            let here = off * (f64::from(tick) * TICK_S).min(1.0);
-            rig.tick_off([0.0; 3], [here, -here, here], [0.0; 3])
-        });
-        assert_eq!(found.is_some(), blamed, "{off}");
-        if let Some(detail) = found {
-            assert_eq!((detail.cause, detail.joint, detail.limit), (StopCause::ToolDeviation, None, tool_m));
-            assert!(detail.amount > tool_m && detail.amount <= off * 3f64.sqrt(), "{detail:?}");
+    // The tool is judged by its distance: the way along three axes together; three times as patiently until
+    // the arm has moved for two seconds.
+    for (moved_s, limit) in [(0.0, 3.0 * tool_m), (3.0, tool_m)] {
+        for (part, blamed) in [(1.02, true), (0.98, false)] {
+            let off = part * limit / 3f64.sqrt();
+            let mut rig = Rig::usual().rested();
+            let turns = (moved_s / TICK_S) as u32;
+            for tick in 0..turns {
+                let at = |tick: u32| 0.3 * (TAU * f64::from(tick) / f64::from(turns) * 2.0).sin();
+                assert_eq!(rig.tick([0.0, at(tick), 0.0], [0.0, at(tick + 1), 0.0]), None);
+            }
+            let mut rig = rig.rested();
+            let found = (0..500).find_map(|tick| {
+                let here = off * (f64::from(tick) * TICK_S).min(1.0);
+                // Of no joint: the tool alone is off.
+                rig.tick_off([1e-12, 0.0, 0.0], [here, -here, here], [0.0; 3])
+            });
+            assert_eq!(found.is_some(), blamed, "{moved_s} {off}");
+            if let Some(detail) = found {
+                assert_eq!(
+                    (detail.cause, detail.joint, detail.limit),
+                    (StopCause::ToolDeviation, None, limit)
+                );
+                assert!(detail.amount > limit && detail.amount <= off * 3f64.sqrt() + 1e-9, "{detail:?}");
+            }
         }
     }
     // A single joint state far off does not last.
@@ -376,8 +394,10 @@ fn a_lag_counts_when_it_is_known_well_and_the_arm_has_moved_for_two_seconds() {
         [(2.5, 1e-3, 0.26), (2.5, 5e-3, 0.62), (1.5, 1e-3, 0.62), (0.0, 1e-3, 0.62)]
     {
         let after = blamed_after(moved_s, std_s);
-        // Until the tolerance is used up, which lasts for 10 ms; blocks of 10 ms.
-        assert!((reach_s..reach_s + 0.1).contains(&after), "{moved_s} s, {std_s} s: {after} s");
+        // Until the tolerance is used up, which lasts for 10 ms; blocks of 10 ms. Of an arm that is unknown a
+        // servo may swing on: 20 % of these commands are 40 mrad, which the joint has to come out of.
+        let more_s = if moved_s < 2.0 { 0.2 } else { 0.1 };
+        assert!((reach_s..reach_s + more_s).contains(&after), "{moved_s} s, {std_s} s: {after} s");
     }
 }
 

@@ -210,6 +210,7 @@ impl<'a> World<'a> {
                 now,
                 pen: &pen,
                 joints: self.joints_arrive(tick).then_some(&joints),
+                effort: None,
                 enable: self.enable(tick, now),
                 request: self.request(tick),
                 halt: self.halt(tick),

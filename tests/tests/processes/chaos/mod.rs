@@ -7,6 +7,7 @@
 //! FORETRACE_CHAOS_SEED the seed of the moments.
 
 mod config;
+mod damaged;
 mod hostile_input;
 mod kill;
 mod learner;

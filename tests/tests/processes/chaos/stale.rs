@@ -11,7 +11,7 @@ use super::scene::{Scene, assert_nothing_left, say, say_times};
 use crate::PROGRAM;
 
 /// The instance's segments.
-fn segments(world: &World) -> Vec<PathBuf> {
+pub(crate) fn segments(world: &World) -> Vec<PathBuf> {
     let prefix = world.instance(0).prefix().to_owned();
     let entries = std::fs::read_dir("/dev/shm").expect("shared memory").flatten();
     entries

@@ -8,6 +8,7 @@ use std::process::Command;
 use std::time::{Duration, Instant};
 
 use foretrace_client::{Mode, StopError, monotonic_now_ns};
+use foretrace_shm::LOOP;
 use foretrace_tests::frozen::Frozen;
 use foretrace_tests::{Process, World, assert_refused, told, until};
 
@@ -29,7 +30,7 @@ pub(crate) fn stops_under<T>(what: &str, scene: &mut Scene, mut fault: impl FnMu
         let stopped = foretrace_client::stop(&scene.world.instance(0), TIMEOUT);
         assert!(begin.elapsed() < TIMEOUT + Duration::from_secs(5), "{what}: it outlives its time");
         let stopped = stopped.unwrap_or_else(|error| panic!("{what}: {error}"));
-        assert_eq!(stopped.mode, Mode::Stopped, "{what}");
+        assert_eq!(stopped.mode, Some(Mode::Stopped), "{what}");
         times.push(until("a braking command", || scene.stopped_at(since)));
         drop(lasting);
         scene.rearm();
@@ -81,21 +82,94 @@ fn stop_while_every_other_thread_hangs() {
 fn stop_while_even_the_stop_thread_hangs_goes_by_signal() {
     let mut scene = Scene::following();
     let Some(held) = hold(&scene, "foretrace-stop") else { return drop(scene.end()) };
-    let since = monotonic_now_ns();
-    // The signal has been sent and cannot be confirmed: the call reports it, in time.
-    let asked = scene.world.run(0, &["request", "stop", "--timeout", "1"]);
-    assert_refused(&asked, 1, &["SIGUSR1", "stop button"]);
-    let ms = until("a braking command", || scene.stopped_at(since));
-    say(
-        "stop",
-        &format!(
-            "the stop thread hangs: by signal, first braking command after {ms:.1} ms, program included"
-        ),
-    );
+    by_signal(&scene, "the stop thread hangs");
     drop(held);
     scene.rearm();
     let since = monotonic_now_ns();
     scene.follows_again(since);
+    scene.end();
+}
+
+/// Stops with nobody at the socket: what the program says must be true.
+fn by_signal(scene: &Scene, what: &str) {
+    let since = monotonic_now_ns();
+    let asked = scene.world.run(0, &["request", "stop", "--timeout", "10"]);
+    assert!(asked.status.success(), "{}", told(&asked));
+    assert!(told(&asked).contains("taken as a signal"), "{}", told(&asked));
+    // The program has ended: what it said has happened already.
+    let ms = scene.stopped_at(since);
+    let ms = ms.unwrap_or_else(|| until("the recorder shows it", || scene.stopped_at(since)));
+    say("stop", &format!("{what}: by signal, first braking command after {ms:.1} ms, program included"));
+}
+
+#[test]
+fn stop_while_every_thread_but_the_loop_is_held() {
+    let mut scene = Scene::following();
+    let pid = scene.daemon.as_ref().expect("a daemon").pid();
+    for _ in 0..rounds() {
+        let Some(held) = Frozen::all_but(pid, LOOP) else {
+            say("stop", "skipped: this system does not let a process trace its child");
+            return drop(scene.end());
+        };
+        assert!(held.len() > 4, "{held:?}");
+        by_signal(&scene, "every thread but the loop is held");
+        drop(held);
+        scene.rearm();
+        let since = monotonic_now_ns();
+        scene.follows_again(since);
+    }
+    scene.end();
+}
+
+#[test]
+fn a_stop_that_no_tick_takes_is_not_said_to_be_taken() {
+    let mut scene = Scene::following();
+    let held: Option<Vec<Frozen>> =
+        ["foretrace-stop", LOOP].map(|name| hold(&scene, name)).into_iter().collect();
+    let Some(held) = held else { return drop(scene.end()) };
+    let asked = scene.world.run(0, &["request", "stop", "--timeout", "1"]);
+    assert_refused(&asked, 1, &["was sent SIGUSR1", "no such tick was seen", "stop button"]);
+    drop(held);
+    // It takes it as soon as it runs again.
+    until("a stop is latched", || {
+        let mode = scene.world.status(0)["mode"].clone();
+        (mode == "stopped" || mode == "fault").then_some(())
+    });
+    scene.rearm();
+    let since = monotonic_now_ns();
+    scene.follows_again(since);
+    scene.end();
+}
+
+#[test]
+fn a_storm_of_signals_neither_shortens_nor_loses_a_period() {
+    let scene = Scene::armed_in(World::new(PROGRAM));
+    let pid = scene.daemon.as_ref().expect("a daemon").pid();
+    // Only the loop takes SIGUSR1; the others mean nothing to the daemon.
+    let kill = format!("kill -USR1 {pid}; kill -WINCH {pid}; kill -URG {pid}");
+    let storm = format!("n=0; while [ $n -lt 20000 ]; do {kill}; n=$((n+1)); done");
+    let mut storm = Command::new("sh").args(["-c", &storm]).spawn().expect("sh");
+    let output = scene.world.run(0, &["observe", "2"]);
+    assert!(storm.wait().expect("sh ends").success());
+    let seen: serde_json::Value = serde_json::from_slice(&output.stdout).expect("the observer reports");
+    let of = |tick: &serde_json::Value| {
+        ["tick", "release_ns", "skipped"].map(|key| tick[key].as_u64().expect("a number"))
+    };
+    let ticks: Vec<[u64; 3]> = seen["ticks"].as_array().expect("ticks").iter().map(of).collect();
+    let rate = scene.world.status(0)["loop"]["rate_hz"].as_f64().expect("a rate");
+    let period_ns = (1e9 / rate) as u64;
+    let (mut pairs, mut skipped) = (0, 0);
+    for pair in ticks.windows(2) {
+        let [[tick, release_ns, _], [next, next_ns, lost]] = [pair[0], pair[1]];
+        // The observer may have missed some.
+        if next == tick + 1 {
+            // What the clock says, and what the loop counts.
+            assert_eq!(next_ns - release_ns, (lost + 1) * period_ns, "tick {next}: {pair:?}");
+            (pairs, skipped) = (pairs + 1, skipped + lost);
+        }
+    }
+    say("storm", &format!("60000 signals: {pairs} ticks, {skipped} periods skipped, all of them counted"));
+    assert!(pairs > 200 && skipped < pairs, "{pairs} ticks, {skipped} skipped");
     scene.end();
 }
 
@@ -200,7 +274,7 @@ fn stop_under_persistent_overruns() {
         let scene = Scene::following_with(World::new(PROGRAM), &lasting);
         let since = monotonic_now_ns();
         let stopped = foretrace_client::stop(&scene.world.instance(0), TIMEOUT);
-        assert_eq!(stopped.unwrap_or_else(|error| panic!("{error}")).mode, Mode::Stopped);
+        assert_eq!(stopped.unwrap_or_else(|error| panic!("{error}")).mode, Some(Mode::Stopped));
         times.push(until("a braking command", || scene.stopped_at(since)));
     }
     say_quantiles("persistent overruns", times);

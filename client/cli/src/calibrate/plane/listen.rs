@@ -24,6 +24,8 @@ const ARM_REST_NS: u64 = 300_000_000;
 /// Longest wait for an arm that does not come to rest.
 const PATIENCE: Duration = Duration::from_secs(10);
 const LOOK_EVERY: Duration = Duration::from_millis(10);
+/// Bytes that are read at a time of what is typed.
+const LINE_BYTES: u64 = 256;
 
 /// Everything that is listened to.
 pub(super) struct Listener<'a> {
@@ -38,9 +40,15 @@ impl<'a> Listener<'a> {
     pub(super) fn open(foretrace: &Foretrace, interrupt: &'a Interrupt) -> Result<Self, Failure> {
         let (sender, enters) = sync_channel(4);
         let reads = move || {
-            for line in std::io::stdin().lock().lines() {
-                if line.is_err() || sender.send(()).is_err() {
-                    return;
+            let mut input = std::io::stdin().lock();
+            loop {
+                // What is typed means nothing, and a line without an end is taken in pieces.
+                let mut line = Vec::new();
+                match std::io::Read::take(&mut input, LINE_BYTES).read_until(b'\n', &mut line) {
+                    Ok(0) | Err(_) => return,
+                    Ok(_) if line.last() != Some(&b'\n') => {}
+                    Ok(_) if sender.send(()).is_err() => return,
+                    Ok(_) => {}
                 }
             }
         };

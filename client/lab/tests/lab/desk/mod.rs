@@ -12,8 +12,8 @@ use foretrace_control::guard::{CommandChecker, Commanded, consumer_state};
 use foretrace_control::pen::PenReading;
 use foretrace_control::stop::{StopDetail, StopReason};
 use foretrace_control::units::Stamp;
-use foretrace_sim::arm::{ArmModel, ArmSettings, JOINTS};
-use foretrace_sim::path::{Layout, Placement};
+use foretrace_sim::arm::{ArmModel, ArmSettings, JOINTS, Joints};
+use foretrace_sim::path::{Layout, PathSample, Placement};
 use foretrace_sim::writer::text_path;
 use nalgebra::Vector3;
 
@@ -38,6 +38,18 @@ impl Pen {
         let angle = self.speed_mps / self.radius_m * begun.max(0.0);
         [self.radius_m * angle.cos(), self.radius_m * angle.sin()]
     }
+
+    /// The same on a figure of eight.
+    fn eight_at(&self, t_s: f64) -> [f64; 2] {
+        let begun = if t_s < 1.0 { 0.5 * t_s * t_s } else { t_s - 0.5 };
+        let angle = 0.7 * self.speed_mps / self.radius_m * begun.max(0.0);
+        [self.radius_m * angle.sin(), 0.5 * self.radius_m * (2.0 * angle).sin()]
+    }
+}
+
+/// Where the arm of a desk begins \[rad\].
+pub(crate) fn home() -> [f64; JOINTS] {
+    Config::preset("ur5e").unwrap().robot().home
 }
 
 /// Quantities observed from outside.
@@ -58,10 +70,40 @@ pub(crate) struct Seen {
     pub(crate) silence_m: f64,
 }
 
+/// What a desk needs of an arm.
+pub(crate) trait DeskArm {
+    /// Length of its cycle \[s\].
+    fn cycle_s(&self) -> f64;
+    /// One cycle towards `target` \[rad\].
+    fn cycle(&mut self, target: [f64; JOINTS]);
+    /// What it reports.
+    fn joints(&self) -> Joints;
+    /// Where it is.
+    fn really(&self) -> Joints;
+}
+
+impl DeskArm for ArmModel {
+    fn cycle_s(&self) -> f64 {
+        self.settings().cycle_s
+    }
+
+    fn cycle(&mut self, target: [f64; JOINTS]) {
+        Self::cycle(self, target);
+    }
+
+    fn joints(&self) -> Joints {
+        Self::joints(self)
+    }
+
+    fn really(&self) -> Joints {
+        Self::really(self)
+    }
+}
+
 pub(crate) struct Desk {
     follower: Follower<HORIZON, JOINTS>,
     judge: CommandChecker<JOINTS>,
-    arm: ArmModel,
+    arm: Box<dyn DeskArm>,
     target: [f64; JOINTS],
     tick: u64,
     now: Stamp,
@@ -81,11 +123,16 @@ impl Desk {
     }
 
     pub(crate) fn with(arm: ArmSettings, settings: FollowerSettings<JOINTS>) -> Self {
-        let home = Config::preset("ur5e").unwrap().robot().home;
+        Self::around(Box::new(ArmModel::at_rest(arm, home())), settings)
+    }
+
+    /// Around an arm at rest at [`home`].
+    pub(crate) fn around(arm: Box<dyn DeskArm>, settings: FollowerSettings<JOINTS>) -> Self {
+        let home = home();
         Self {
             judge: CommandChecker::new(settings.limits),
             follower: Follower::new(settings).unwrap(),
-            arm: ArmModel::at_rest(arm, home),
+            arm,
             target: home,
             tick: 0,
             now: Stamp(10_000_000_000),
@@ -128,6 +175,15 @@ impl Desk {
         })
     }
 
+    /// The same on figures of eight, as wide as the circles.
+    pub(crate) fn write_eight(&mut self, pen: Pen, seconds: f64) -> Option<(StopReason, StopDetail)> {
+        let centre = self.centre();
+        self.until(seconds, |t_s| {
+            let [x, y] = pen.eight_at(t_s);
+            ([x + centre[0], y + centre[1]], t_s > 0.0)
+        })
+    }
+
     /// The same without a pen.
     pub(crate) fn wait(&mut self, seconds: f64) -> Option<(StopReason, StopDetail)> {
         while self.since_begin(self.now) < seconds {
@@ -142,14 +198,25 @@ impl Desk {
     pub(crate) fn write_text(&mut self, text: &str, seed: u64) -> Option<(StopReason, StopDetail)> {
         let placement = Placement { layout: Layout::Line, ..Placement::default() };
         let samples = text_path(text, seed, 200.0, &placement).unwrap().samples;
+        self.write_path(&samples, 0.0).err()
+    }
+
+    /// Writes `samples` from `begin_s` after the pen began on; when it was done, or the stop.
+    pub(crate) fn write_path(
+        &mut self,
+        samples: &[PathSample],
+        begin_s: f64,
+    ) -> Result<f64, (StopReason, StopDetail)> {
         let (first, last) = (samples[0], samples[samples.len() - 1]);
+        let end_s = begin_s + last.t_s - first.t_s;
         let mut next = 0;
-        self.until(last.t_s - first.t_s, |t_s| {
-            while next + 1 < samples.len() && samples[next + 1].t_s - first.t_s <= t_s {
+        let stop = self.until(end_s, |t_s| {
+            while next + 1 < samples.len() && samples[next + 1].t_s - first.t_s <= t_s - begin_s {
                 next += 1;
             }
-            ([samples[next].x_m, samples[next].y_m], t_s > 0.0 && samples[next].contact)
-        })
+            ([samples[next].x_m, samples[next].y_m], t_s > begin_s && samples[next].contact)
+        });
+        stop.map_or(Ok(end_s), Err)
     }
 
     fn until(
@@ -207,7 +274,7 @@ impl Desk {
     /// One period of the arm.
     fn pass(&mut self) {
         let period_ns = self.follower.settings().period_ns;
-        let ticks_per_cycle = (self.arm.settings().cycle_s * 1e9).round() as u64 / period_ns;
+        let ticks_per_cycle = (self.arm.cycle_s() * 1e9).round() as u64 / period_ns;
         if self.tick.is_multiple_of(ticks_per_cycle) {
             self.arm.cycle(self.target);
         }
@@ -226,7 +293,7 @@ impl Desk {
     fn tick(&mut self, pen: &[PenReading], request: Option<Request>) -> StepOutput<JOINTS> {
         let gap = self.gap();
         let period_ns = self.follower.settings().period_ns;
-        let ticks_per_cycle = (self.arm.settings().cycle_s * 1e9).round() as u64 / period_ns;
+        let ticks_per_cycle = (self.arm.cycle_s() * 1e9).round() as u64 / period_ns;
         let joints = self.arm.joints();
         let reading = JointReading { stamp: self.now, q: joints.q, qd: joints.qd, motion_allowed: true };
         let fresh = (gap > 0 || self.tick.is_multiple_of(ticks_per_cycle)).then_some(&reading);

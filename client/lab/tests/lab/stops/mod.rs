@@ -99,9 +99,6 @@ fn worst(name: &str, stops: &[Stop]) -> Worst {
         jerk: most(&|stop: &Stop| stop.law.jerk),
         lost: stops.iter().map(|stop| stop.law.lost).sum(),
     };
-    for stop in stops.iter().filter(|s| s.law.arm_rest_s - s.without.arm_rest_s > 0.013) {
-        println!("LATE {:?}\n  {:?}\n  {:?}", stop.moment, stop.law, stop.without);
-    }
     let Worst { below_mm: [law, without, silent, program], off_line_mm: [off, off_without], .. } = worst;
     println!(
         "{name}: {} stops; below {law:.3} mm, without the path {without:.2}, silence {silent:.2}, a UR's \

@@ -12,12 +12,11 @@
 use crate::state::state;
 use nalgebra::{Matrix3, Vector3};
 
-use crate::arm::lag::track::GRID_S;
+use crate::arm::band::{Band, STAGES, push};
+use crate::arm::track::GRID_S;
 
 /// Grid steps of the difference and of each running sum of the band.
 const LENGTH: usize = 20;
-/// The difference and the sums.
-const STAGES: usize = 4;
 /// Settling time of the band filter, from unknown initial values \[grid steps\].
 const SETTLING: usize = STAGES * LENGTH;
 /// Candidate delays: 0, 20, ... 200 ms.
@@ -44,7 +43,7 @@ pub(super) struct GroupDelay {
 /// Filters of the current stretch, and sums over recent motion.
 #[derive(Debug, Clone)]
 pub(super) struct DelayFit<const J: usize> {
-    filters: Option<[Band<J>; 2]>,
+    filters: Option<[Band<J, LENGTH>; 2]>,
     /// Instants since the filters began.
     age: usize,
     /// Newest first.
@@ -139,55 +138,5 @@ impl<const J: usize> DelayFit<J> {
         let count = (self.weight * GRID_S * INDEPENDENT_HZ).max(1.0);
         let variance = residual(fit) * inverse.m11 / count;
         Some(GroupDelay { delay_s: delay * GRID_S, std_s: variance.max(0.0).sqrt() * GRID_S })
-    }
-}
-
-/// Band-pass of all joints, the same for commands and joint states: a difference, then three running sums.
-#[derive(Debug, Clone)]
-struct Band<const J: usize> {
-    /// Inputs of the difference and of each sum, as rings.
-    entered: [[[f64; J]; LENGTH]; STAGES],
-    sums: [[f64; J]; STAGES - 1],
-    at: usize,
-}
-
-state! { whole [const J: usize] Band<J> { entered, sums, at } }
-
-impl<const J: usize> Band<J> {
-    fn at_rest(q: &[f64; J]) -> Self {
-        let mut entered = [[[0.0; J]; LENGTH]; STAGES];
-        let [differenced, ..] = &mut entered;
-        *differenced = [*q; LENGTH];
-        Self { entered, sums: [[0.0; J]; STAGES - 1], at: 0 }
-    }
-
-    fn pass(&mut self, q: &[f64; J]) -> [f64; J] {
-        let mut x = *q;
-        let mut sums = self.sums.iter_mut();
-        for (stage, ring) in self.entered.iter_mut().enumerate() {
-            let Some(slot) = ring.get_mut(self.at) else { continue };
-            let left = std::mem::replace(slot, x);
-            for (x, left) in x.iter_mut().zip(left) {
-                *x -= left;
-            }
-            if stage > 0
-                && let Some(sum) = sums.next()
-            {
-                for (x, sum) in x.iter_mut().zip(sum) {
-                    *sum += *x;
-                    *x = *sum * (1.0 / LENGTH as f64);
-                }
-            }
-        }
-        self.at = (self.at + 1) % LENGTH;
-        x
-    }
-}
-
-/// Puts `value` first; drops the last one.
-fn push<T, const M: usize>(register: &mut [T; M], value: T) {
-    register.rotate_right(1);
-    if let Some(first) = register.first_mut() {
-        *first = value;
     }
 }

@@ -20,16 +20,15 @@
 mod dead_time;
 mod delay;
 mod shift;
-mod track;
 
 use crate::state::state;
 pub use dead_time::{Aim, DeadTime, Following};
 
+use crate::arm::response::{Expected, Response, Shape};
+use crate::arm::track::{GRID_S, Track};
+use crate::units::Stamp;
 use delay::DelayFit;
 use shift::{CANDIDATES, EARLIEST, ShiftBank};
-use track::{GRID_S, Track};
-
-use crate::units::Stamp;
 
 /// Time constant of forgetting, in time of motion \[s\].
 pub const MEMORY_S: f64 = 0.8;
@@ -72,6 +71,7 @@ pub struct LagEstimator<const J: usize> {
     joints: Track<J>,
     shift: ShiftBank<J>,
     delay: DelayFit<J>,
+    response: Response<J>,
     /// Next grid index to take in.
     next: u64,
     speed2: f64,
@@ -81,7 +81,9 @@ pub struct LagEstimator<const J: usize> {
 }
 
 state! {
-    [const J: usize] LagEstimator<J> { commands, joints, shift, delay, next, speed2, followed, estimate }
+    [const J: usize] LagEstimator<J> {
+        commands, joints, shift, delay, response, next, speed2, followed, estimate,
+    }
 }
 
 impl<const J: usize> LagEstimator<J> {
@@ -93,6 +95,7 @@ impl<const J: usize> LagEstimator<J> {
             joints: Track::new(),
             shift: ShiftBank::new(),
             delay: DelayFit::new(),
+            response: Response::new(),
             next: 0,
             speed2: 0.0,
             followed: 1.0,
@@ -137,10 +140,29 @@ impl<const J: usize> LagEstimator<J> {
         self.estimate
     }
 
+    /// What the arm's own response makes of the commands, at the newest instant of the grid; `None` while
+    /// that response is unknown.
+    #[must_use]
+    pub fn expected(&self) -> Option<&Expected<J>> {
+        self.response.expected()
+    }
+
+    /// The same for all instants that are kept, the oldest first.
+    pub fn expected_lately(&self, visit: impl FnMut(&Expected<J>)) {
+        self.response.past(&self.commands, &self.joints, visit);
+    }
+
+    /// The response of the arm as a whole; `None` while it is unknown.
+    #[must_use]
+    pub fn shape(&self) -> Option<Shape> {
+        self.response.shape()
+    }
+
     /// A new stretch may concern another arm: earlier evidence counts, but little.
     fn break_off(&mut self) {
         self.delay.restart();
         self.delay.fade(AFTER_BREAK);
+        self.response.break_off(AFTER_BREAK);
         self.shift.fade(AFTER_BREAK);
     }
 
@@ -162,6 +184,7 @@ impl<const J: usize> LagEstimator<J> {
         self.followed += motion * GRID_S / MEMORY_S * (near * near - self.followed);
         self.shift.add(measured, &recent, keep, weight);
         self.delay.add(measured, here, keep, weight);
+        self.response.add(k, measured, &self.commands, motion);
         if k.is_multiple_of(SOLVE_EVERY) {
             self.estimate = self.solve();
         }
@@ -215,7 +238,7 @@ mod tests {
         let (mut speed2, mut followed, mut least) = (0.0, 1.0, 1.0_f64);
         let half2 = HALF_RADPS * HALF_RADPS;
         for k in 100..320 {
-            let stamp = Stamp(k as u64 * track::GRID_NS);
+            let stamp = Stamp(k as u64 * crate::arm::track::GRID_NS);
             estimator.commanded(stamp, &at(&commands, k));
             estimator.measured(stamp, &at(&joints, k));
             // The sample before is complete once the commands reach back 20 steps from it.

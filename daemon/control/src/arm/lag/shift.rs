@@ -4,7 +4,7 @@
 //! each joint's mean (arms have static offsets), with the caller's weights and forgetting. The minimum is
 //! refined by a parabola. No allocation, bounded work.
 
-use crate::arm::lag::track::GRID_S;
+use crate::arm::track::GRID_S;
 use crate::state::state;
 
 /// Candidates, one grid step apart, from [`EARLIEST`] grid steps on.

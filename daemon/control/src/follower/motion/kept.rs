@@ -2,7 +2,8 @@
 //!
 //! The floor is the pressing depth, or the tip's height where that is lower already; over the paper only,
 //! because elsewhere the plane is nothing. A tip that writes keeps its line too. A joint that the path holds
-//! up makes up for it: it is compared with where it would be if it braked by itself.
+//! up makes up for it: it is compared with where it would be if it braked by itself, and the line is given up
+//! where it costs too much.
 
 use nalgebra::Vector3;
 
@@ -17,6 +18,8 @@ use crate::units::Stamp;
 /// A tip lower than this above the pressing depth writes \[m\], if it moves faster than this \[m/s\].
 const WRITES_M: f64 = 1e-3;
 const WRITES_MPS: f64 = 0.01;
+/// The line is let go of while it keeps a joint back by more than this \[s\], at the joint's own deceleration.
+const LINE_COSTS_S: f64 = 0.008;
 /// So far beside the workspace the paper still counts \[m\].
 const BESIDE_M: f64 = 0.01;
 
@@ -65,6 +68,12 @@ impl<const J: usize> KeptPath<J> {
         }
     }
 
+    /// How much longer than alone a joint at `qd` \[rad/s\] would take, braking by itself from now on \[s\].
+    fn behind_s(&self, qd: &[f64; J], deceleration: &[f64; J]) -> f64 {
+        let joints = qd.iter().zip(self.alone.qd()).zip(deceleration);
+        joints.map(|((qd, alone), decel)| (qd.abs() - alone.abs()) / decel).fold(0.0, f64::max)
+    }
+
     /// Lets the joints that brake by themselves go on to `reach`.
     fn pass(&mut self, stop: &StopProfile<J>, reach: Stamp) {
         let qd = stop.next(&self.alone, reach);
@@ -85,7 +94,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
     /// The next step of a stop that goes on, or begins, and ends this tick at `reach`: joint velocities
     /// \[rad/s\], and the path to keep; no path at rest.
     pub(super) fn next_of_stop(&mut self, reach: Stamp) -> ([f64; J], Option<StopPath>) {
-        let Self { held, kept, plane, limits, stop, .. } = self;
+        let Self { held, kept, plane, limits, stop, guard, .. } = self;
         let Some(held) = held else { return ([0.0; J], None) };
         if StopProfile::is_done(&held.command) {
             return (stop.next(&held.command, reach), None);
@@ -98,7 +107,11 @@ impl<const N: usize, const J: usize> Mover<N, J> {
             KeptPath::begun(&held.command, plane, &[x, y], &tip, &velocity)
         });
         let wanted = stop.next_held_up(&held.command, reach, kept.alone.qd());
+        let mut path = kept.seen(plane, &tip);
+        if kept.behind_s(held.command.qd(), guard.limits().deceleration()) > LINE_COSTS_S {
+            path.across = None;
+        }
         kept.pass(stop, reach);
-        (wanted, Some(kept.seen(plane, &tip)))
+        (wanted, Some(path))
     }
 }

@@ -7,12 +7,14 @@ pub(crate) mod limited;
 pub(crate) mod own_rules;
 pub(crate) mod reaching;
 pub(crate) mod strokes;
+pub(crate) mod touching;
 pub(crate) mod writing;
 
 use std::sync::Arc;
 
 use foretrace_control::arm::lag::Following;
-use foretrace_control::arm::{Chain, JointLimits};
+use foretrace_control::arm::{Chain, JointLimits, Payload};
+use foretrace_control::contact::ContactSettings;
 use foretrace_control::envelope::EnvelopeSettings;
 use foretrace_control::follower::{
     Budget, Follower, FollowerSettings, JointCommand, JointReading, NoClock, Request, SafetySettings,
@@ -77,6 +79,7 @@ pub(crate) fn settings(kind: PredictorKind) -> FollowerSettings<6> {
         unlimited: false,
     };
     FollowerSettings {
+        payload: Payload { mass: 0.0, centre: [0.0, 0.0, 0.07] },
         period_ns: PERIOD_NS,
         pen: PenSettings { step_ns: STEP_NS, ..PenSettings::default() },
         preview: PreviewSettings { step_ns: STEP_NS, kind, ..PreviewSettings::default() },
@@ -117,6 +120,7 @@ pub(crate) fn settings(kind: PredictorKind) -> FollowerSettings<6> {
             previous_plan_max_ns: 50_000_000,
             approach_distance: 0.01,
             tracking: TrackingSettings::default(),
+            contact: ContactSettings::default(),
             envelope: EnvelopeSettings { margin_m: 0.003, max_tilt_rad: 0.4, max_speed_mps: None },
         },
     }

@@ -8,9 +8,9 @@ use crate::state::state;
 use crate::units::Stamp;
 
 /// Grid step of the estimator \[ns\]: index k is the instant k·10 ms.
-pub(super) const GRID_NS: u64 = 10_000_000;
+pub(in crate::arm) const GRID_NS: u64 = 10_000_000;
 /// The same \[s\].
-pub(super) const GRID_S: f64 = GRID_NS as f64 * 1e-9;
+pub(in crate::arm) const GRID_S: f64 = GRID_NS as f64 * 1e-9;
 /// Neighbours farther apart than this belong to different stretches \[ns\].
 const MAX_GAP_NS: u64 = 60_000_000;
 /// Positions beyond this are invalid \[rad\].
@@ -23,7 +23,7 @@ const KEPT: usize = 64;
 
 /// One stretch of motion on the grid.
 #[derive(Debug, Clone)]
-pub(super) struct Track<const J: usize> {
+pub(in crate::arm) struct Track<const J: usize> {
     ring: [[f64; J]; KEPT],
     last: Option<(Stamp, [f64; J])>,
     /// First grid index of the stretch, and one past its newest.
@@ -34,12 +34,12 @@ pub(super) struct Track<const J: usize> {
 state! { [const J: usize] Track<J> { ring, last, begin, end } }
 
 impl<const J: usize> Track<J> {
-    pub(super) const fn new() -> Self {
+    pub(in crate::arm) const fn new() -> Self {
         Self { ring: [[0.0; J]; KEPT], last: None, begin: 0, end: 0 }
     }
 
     /// Adds a sample; non-finite positions and repeated stamps are ignored.
-    pub(super) fn push(&mut self, stamp: Stamp, q: &[f64; J]) {
+    pub(in crate::arm) fn push(&mut self, stamp: Stamp, q: &[f64; J]) {
         if !q.iter().all(|q| q.abs() <= MAX_RAD) {
             return;
         }
@@ -69,23 +69,28 @@ impl<const J: usize> Track<J> {
     }
 
     /// Forgets everything: the next sample begins a new stretch.
-    pub(super) fn restart(&mut self) {
+    pub(in crate::arm) fn restart(&mut self) {
         self.last = None;
         (self.begin, self.end) = (0, 0);
     }
 
     /// First grid index that is still stored.
-    pub(super) fn begin(&self) -> u64 {
+    pub(in crate::arm) fn begin(&self) -> u64 {
         self.begin.max(self.end.saturating_sub(KEPT as u64))
     }
 
+    /// Nothing of the present stretch was dropped yet.
+    pub(in crate::arm) fn whole(&self) -> bool {
+        self.end.saturating_sub(self.begin) <= KEPT as u64
+    }
+
     /// One past the newest grid index.
-    pub(super) fn end(&self) -> u64 {
+    pub(in crate::arm) fn end(&self) -> u64 {
         self.end
     }
 
     /// Positions at grid index `k` of the present stretch.
-    pub(super) fn at(&self, k: u64) -> Option<&[f64; J]> {
+    pub(in crate::arm) fn at(&self, k: u64) -> Option<&[f64; J]> {
         if (self.begin()..self.end).contains(&k) { self.ring.get(k as usize % KEPT) } else { None }
     }
 }

@@ -1,0 +1,51 @@
+//! Whether the arm's joints have the torque for the limits of the settings.
+
+use foretrace_config::Config;
+
+use super::finding::Finding;
+
+const NAME: &str = "torque";
+
+/// Never makes a machine unfit: it is about the arm.
+pub(super) fn judge(config: &Config) -> Finding {
+    let room = match config.headroom() {
+        Ok(room) => room,
+        Err(error) => {
+            let fix = "give the links of robot.urdf their <inertial>, or know that nobody checks this";
+            return Finding::warning(NAME, format!("not known: {error}"), fix);
+        }
+    };
+    let least = room.joints.iter().map(|joint| format!("{:.0}", joint.alone[0]));
+    let value = format!(
+        "with {} kg each joint alone can give {} rad/s² everywhere, all at once {:.0} ({} poses)",
+        room.payload.mass,
+        least.collect::<Vec<_>>().join(" "),
+        room.together[0],
+        room.poses
+    );
+    let exceeded = room.exceeded();
+    if exceeded.iter().any(|told| told.serious) {
+        let all: Vec<String> = exceeded.into_iter().map(|told| told.text).collect();
+        return Finding::warning(NAME, value, all.join("; "));
+    }
+    // What the shipped settings ask beyond this at the far edge is no reason to change them.
+    let notes: String = exceeded.iter().map(|told| format!("; {}", told.text)).collect();
+    Finding::ok(NAME, value + &notes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::doctor::finding::Level;
+    use foretrace_config::Draft;
+
+    #[test]
+    fn a_loaded_arm_whose_brake_is_a_promise_it_cannot_keep_is_a_warning_and_a_pen_is_not() {
+        let pen = judge(&Draft::preset("ur5e").set("robot.payload.mass_kg", "0.3").finish().unwrap());
+        assert_eq!(pen.level, Level::Ok, "{}", pen.value);
+        assert!(pen.value.contains("with 0.3 kg") && pen.value.contains("rad/s²"), "{}", pen.value);
+        let heavy = judge(&Draft::preset("ur5e").set("robot.payload.mass_kg", "5").finish().unwrap());
+        assert_eq!(heavy.level, Level::Warning, "{}", heavy.value);
+        assert!(heavy.fix.contains("robot.stale_deceleration_radps2 = ["), "{}", heavy.fix);
+    }
+}
