@@ -97,8 +97,8 @@ pub(crate) fn clearance(
     Some(wanted)
 }
 
-/// Reports a place of the paper, its middle or a corner, at which a pen that presses brings a link nearer to a
-/// plane, a box or the arm than the margin: the tip would stay above the pressing depth.
+/// Reports a place of the paper, its middle or a corner, at which a pen that presses brings a link nearer to
+/// a plane, a box or the arm than the margin: the tip would stay above the pressing depth.
 pub(crate) fn pressed(
     settings: &Settings,
     wanted: &ClearanceSettings,

@@ -29,6 +29,7 @@ class Robot:
         self.speeds = np.array([float(limit["velocity"]) for limit in limits])
         base = tomllib.loads((ROOT / "config/presets/ur5.toml").read_text())["plane"]
         base |= tomllib.loads((ROOT / f"config/presets/{preset}.toml").read_text()).get("plane", {})
+        self.workspace_m = base["workspace_m"]
         x, normal = np.array(base["x_axis"]), np.array(base["normal"])
         self.plane = Plane(np.array(base["origin_m"]), np.array([x, np.cross(normal, x), normal]))
 
@@ -66,6 +67,10 @@ def own(program, preset, pen, settings=()):
 def physics(program, case, pen, stop_at_s=None):
     """The pen in front of the arm of `case`; a dictionary of figures, and the ticks."""
     robot = Robot(case.preset)
+    settings = list(case.settings)
+    if case.press_m:
+        x, y, (_, high) = robot.workspace_m
+        settings += [f"plane.press_m={case.press_m}", f"plane.workspace_m={[x, y, [-case.press_m - 5e-4, high]]}"]
 
     def make(home, period_s):
         return Arm(case, robot.urdf, robot.efforts, robot.speeds, robot.plane, home, period_s)
@@ -77,7 +82,7 @@ def physics(program, case, pen, stop_at_s=None):
         extra = ["--arm-socket", path, "--after-stop", str(REST_S)]
         if stop_at_s is not None:
             extra += ["--stop-at", str(stop_at_s)]
-        process = law(program, case.preset, pen, case.settings, folder, extra)
+        process = law(program, case.preset, pen, settings, folder, extra)
         logs = []
         try:
             while process.poll() is None:
@@ -125,6 +130,7 @@ def figures(case, told, ticks, logs):
     touching = written & (paper[: len(written)] > 0)
     out["contact_pct"] = 100 * touching.sum() / written.sum() if written.any() else float("nan")
     out["force_p50_n"] = float(np.median(paper[: len(written)][touching])) if touching.any() else 0.0
+    out["force_p99_n"] = float(np.percentile(paper[: len(written)][written], 99)) if written.any() else 0.0
     if stop:
         at = int(np.argmax(log[:, 0] >= stop["t_s"] - 1e-9))
         out["force_at_stop_n"] = float(force[max(0, at - 5) : at + 1].max())
@@ -132,11 +138,11 @@ def figures(case, told, ticks, logs):
         touched = np.flatnonzero(force[: at + 1] > 5.0)
         out["touch_to_stop_s"] = float(log[at, 0] - log[touched[0], 0]) if touched.size else float("nan")
         out["touched_before_stop_s"] = float(period_s * touched.size)
-        # How far the command goes down after the stop, below paper and the place where the stop came.
+        # How far the command goes down after the stop, below the pressing depth and the place where the stop came.
         command_mm = ticks["command_z_m"] * 1e3
         after = command_mm[np.argmax(ticks["t_s"] >= stop["t_s"] - 1e-9) :]
         out["command_z_at_stop_mm"] = float(after[0])
-        out["command_below_mm"] = float(max(0.0, min(0.0, after[0]) - np.nanmin(after)))
+        out["command_below_mm"] = float(max(0.0, min(-1e3 * case.press_m, after[0]) - np.nanmin(after)))
     else:
         out |= dict.fromkeys(("force_at_stop_n", "force_left_n", "touch_to_stop_s", "touched_before_stop_s"), float("nan"))
     return out

@@ -35,8 +35,8 @@ section! {
         correction_mps: f64 = Between(0.001, 5.0), Default("0.25"), AtStart, "0.25";
         /// Corrections are slowed so that they can end with this deceleration.
         correction_mps2: f64 = Between(0.01, 100.0), Default("2.0"), AtStart, "2.0";
-        /// Pull toward `robot.home_rad`, for arms with more joints than the task needs; 0 for none. A weight near
-        /// the square of a lever arm competes with the path.
+        /// Pull toward `robot.home_rad`, for arms with more joints than the task needs; 0 for none. A weight
+        /// near the square of a lever arm competes with the path.
         posture_weight_m2: f64 = Between(0.0, 0.01), Default("0.0"), AtStart, "0; 1e-7 with seven joints";
         /// Rate of that pull.
         posture_hz: f64 = Between(0.01, 100.0), Default("1.0"), AtStart, "1";

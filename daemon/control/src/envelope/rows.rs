@@ -151,8 +151,8 @@ impl<const J: usize> Envelope<J> {
 }
 
 /// The fastest speed \[m/s\] along `row` \[m/rad\] in the direction `sign` from which the tool is at rest
-/// within `room` \[m\], with half of what the joints give there: half, because several bounds may be active and
-/// the Jacobian changes meanwhile. 0 if there is no room.
+/// within `room` \[m\], with half of what the joints give there: half, because several bounds may be active
+/// and the Jacobian changes meanwhile. 0 if there is no room.
 pub(crate) fn fastest_stoppable<const J: usize>(
     limits: &JointLimits<J>,
     row: &[f64; J],

@@ -5,7 +5,7 @@
 //! *path*,
 //!
 //!   nᵀJ q̇ + ½h·nᵀJ̇q̇ ≥ −v,   v: the fastest from which the tip is at rest at the floor,
-//!   lᵀJ q̇ + ½h·lᵀJ̇q̇ = w,    w: the next speed of a stop of its own across the line,
+//!   lᵀJ q̇ + ½h·lᵀJ̇q̇ ∈ [min(w, 0), max(w, 0)],   w: the next speed of a stop of its own across the line,
 //!
 //! with half of the acceleration and jerk that the joints give along n and l. The paper comes before the
 //! line.

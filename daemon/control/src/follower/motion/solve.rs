@@ -41,7 +41,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
 
     /// The next step of a stop, which ends at `reach`: joint velocities \[rad/s\].
     fn stopping(&mut self, reach: Stamp, health: &mut Health) -> [f64; J] {
-        let (wanted, path) = self.next_of_stop(reach);
+        let (wanted, path) = self.next_of_stop(reach, health);
         let Some(held) = &self.held else { return wanted };
         let (motion, h, solve) = (held.command.motion(), self.period_s, !health.has(Health::SHED));
         let step = self.ik.stopping(&held.kinematics, motion, &wanted, h, path.as_ref(), solve);
