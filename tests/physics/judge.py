@@ -41,7 +41,7 @@ def claim(what, text, holds, seen=""):
     print(f"{'ok    ' if holds else 'BROKEN'} {what}: {text} {seen}", flush=True)
 
 
-HEADINGS = ("rms_mm", "force_max_n", "force_at_stop_n", "force_left_n", "contact_pct", "force_p50_n", "tip_lowest_mm", "rest_ms", "saturated_pct")
+HEADINGS = ("rms_mm", "force_max_n", "force_at_stop_n", "force_left_n", "contact_pct", "force_p50_n", "tip_lowest_mm", "normal_mm", "rest_ms", "saturated_pct")
 
 
 def show(pen, figures):

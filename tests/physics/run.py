@@ -17,6 +17,7 @@ from arm import Arm, Plane
 ROOT = Path(__file__).resolve().parents[2]
 AFTER_TOUCH_S = 0.15  # a pen that comes down may be so late
 REST_S = 1.0  # every run that stops goes on for so long
+ANSWERS_S = 0.28  # the tracking monitor's memory: the longest lag, the spread of a filter, jitter
 
 
 class Robot:
@@ -103,6 +104,18 @@ def physics(program, case, pen, stop_at_s=None):
     return figures(case, told, ticks, [np.array(log) for log in logs]), ticks
 
 
+def outside(height_mm, command_mm, t_s):
+    """How far along the plane's normal the tip was, at most, from all heights commanded in the last `ANSWERS_S` [mm]; the first second left out."""
+    count = min(len(height_mm), len(command_mm))
+    back = round(ANSWERS_S / np.median(np.diff(t_s[:1000])))
+    if count <= back:
+        return float("nan")
+    lately = np.lib.stride_tricks.sliding_window_view(command_mm[:count], back + 1)
+    away = np.maximum(height_mm[back:count] - lately.max(axis=1), lately.min(axis=1) - height_mm[back:count])
+    away = away[t_s[back:count] > t_s[0] + 1.0]
+    return float(max(0.0, np.nanmax(away))) if np.isfinite(away).any() else float("nan")
+
+
 def figures(case, told, ticks, logs):
     """What a run was like, in millimetres, newtons and seconds; NaN where there is nothing to tell."""
     log = np.concatenate(logs)
@@ -123,6 +136,7 @@ def figures(case, told, ticks, logs):
         "tip_lowest_mm": float(height_mm.min()),
         "saturated_pct": 100 * float(log[:, 6].mean()),
     }
+    out["normal_mm"] = outside(height_mm, ticks["command_z_m"] * 1e3, ticks["t_s"])
     down = ticks["contact"] == 1
     period_s = np.median(np.diff(ticks["t_s"][:1000]))
     late = round(AFTER_TOUCH_S / period_s)

@@ -88,8 +88,8 @@ fn stop(
     rested
 }
 
-/// From any motion: legal, near its end no later, no nearer to anything than the margin, and hardly ever
-/// deeper than where every joint brakes by itself.
+/// From any motion: legal, at rest soon, no nearer to anything than the margin, and nowhere deeper than where
+/// every joint brakes by itself.
 #[test]
 fn stops_from_anywhere_are_legal_end_soon_and_keep_their_distance_and_their_floor() {
     let chain = chain(UR5);
@@ -138,6 +138,10 @@ fn stops_from_anywhere_are_legal_end_soon_and_keep_their_distance_and_their_floo
             nearest * 1e3
         );
         assert!(nearest > 0.9 * MARGIN_M, "{nearest}");
+        assert!(worst < 1e-4 && apart_worst > 0.1, "{worst} {apart_worst}");
+        // From anything that an arm may do, and without letting go of the path as the law does.
+        assert!(later < 0.15, "{later}");
+        assert!(1000 * lost < ticks, "{lost} of {ticks}");
     }
 }
 
@@ -150,7 +154,7 @@ fn rows_of_the_path_keep_the_jerk_of_a_stop() {
     let mut ik = Ik::new(limits, IkSettings::for_period(TICK_S, UR5E_HOME));
     let profile = StopProfile::new(limits);
     let mut rng = Pcg64::seed_from_u64(9);
-    let mut changed = 0;
+    let (mut changed, mut lost) = (0, 0);
     for _ in 0..3000 {
         let motion = JointMotion {
             q: UR5E_HOME.map(|q| q + rng.random_range(-0.3..0.3)),
@@ -167,9 +171,11 @@ fn rows_of_the_path_keep_the_jerk_of_a_stop() {
             assert_eq!(step.qd, inside.nearest(&step.qd), "{motion:?}");
             changed += usize::from(step.qd != wanted);
         }
+        lost += usize::from(step.path == PathKept::Lost);
         let unsolved = ik.stopping(&k, &motion, &wanted, TICK_S, Some(&path), false);
         assert_eq!(unsolved.qd, wanted);
         assert_eq!(unsolved.path == PathKept::Lost, step.path != PathKept::Free);
     }
-    assert!(changed > 2500, "{changed}");
+    println!("{changed} of 3000 changed, {lost} lost");
+    assert!(changed > 2000, "{changed}");
 }
