@@ -152,7 +152,7 @@ def strokes(ticks, count):
     """Instants with the pen down and moving, spread over the run."""
     speed = np.hypot(np.gradient(ticks["pen_x_m"]), np.gradient(ticks["pen_y_m"])) / np.gradient(ticks["t_s"])
     moving = np.flatnonzero((ticks["contact"] == 1) & (np.convolve(speed, np.ones(9) / 9, "same") > 0.03))
-    return ticks["t_s"][moving[np.linspace(0.05, 0.95, count) * (len(moving) - 1)].astype(int)] if moving.size else []
+    return ticks["t_s"][moving[(np.linspace(0.05, 0.95, count) * (len(moving) - 1)).astype(int)]] if moving.size else []
 
 
 def landings(ticks, count):
@@ -160,7 +160,7 @@ def landings(ticks, count):
     z_m = ticks["command_z_m"]
     down = np.flatnonzero((np.gradient(z_m) < -0.03 * np.gradient(ticks["t_s"])) & (z_m > 3e-4) & (z_m < 3e-3))
     first = down[np.diff(down, prepend=-100) > 50]
-    return ticks["t_s"][first[np.linspace(0, 1, count) * (len(first) - 1)].astype(int)] if first.size else []
+    return ticks["t_s"][first[(np.linspace(0, 1, count) * (len(first) - 1)).astype(int)]] if first.size else []
 
 
 def stopped(case, pen, at_s):
