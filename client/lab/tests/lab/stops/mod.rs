@@ -23,9 +23,12 @@ const TIMES: usize = 5;
 const BELOW_M: f64 = 1e-4;
 /// The arm later at rest, and the command later at the very end of its motion, than without the path \[s\].
 const LATER_S: f64 = 0.020;
+/// The same for joints whose jerk limit makes every stop half as long again.
+const LATER_LITTLE_JERK_S: f64 = 0.025;
 const LATER_END_S: f64 = 0.060;
 /// The worst distance from the line, as a share of what it is without the path.
 const OFF_SHARE: f64 = 0.75;
+const LITTLE_JERK: &str = "ur5e, joints with little jerk";
 const ROUNDING: f64 = 1e-9;
 
 fn placement(config: &Config) -> Placement {
@@ -119,9 +122,13 @@ fn worst(name: &str, stops: &[Stop]) -> Worst {
 
 impl Worst {
     fn keeps_the_paper(&self) {
+        self.keeps_the_paper_within(LATER_S);
+    }
+
+    fn keeps_the_paper_within(&self, later_s: f64) {
         let [law, ..] = self.below_mm;
         assert!(law <= 1e3 * BELOW_M, "{self:?}");
-        assert!(self.arm_later_s <= LATER_S + ROUNDING, "{self:?}");
+        assert!(self.arm_later_s <= later_s + ROUNDING, "{self:?}");
         assert!(self.end_later_s <= LATER_END_S + ROUNDING && self.lost == 0, "{self:?}");
     }
 }
@@ -134,10 +141,7 @@ fn configs() -> Vec<(&'static str, Config)> {
         ("ur5e", Config::preset("ur5e").unwrap()),
         ("ur5", Config::preset("ur5").unwrap()),
         ("ur5e at 125 Hz", Draft::preset("ur5e").rate(125).finish().unwrap()),
-        (
-            "ur5e, joints with little jerk",
-            Draft::preset("ur5e").set("robot.jerk_radps3", jerk).finish().unwrap(),
-        ),
+        (LITTLE_JERK, Draft::preset("ur5e").set("robot.jerk_radps3", jerk).finish().unwrap()),
         ("ur5e, pressing 1 mm", pressing.finish().unwrap()),
     ]
 }
@@ -157,7 +161,7 @@ fn a_stop_in_mid_stroke_does_not_go_into_the_paper_nor_does_one_while_the_pen_la
     }
     for (name, landing, worst) in of_configs {
         landing.keeps_the_paper();
-        worst.keeps_the_paper();
+        worst.keeps_the_paper_within(if name == LITTLE_JERK { LATER_LITTLE_JERK_S } else { LATER_S });
         // What the rows are for: else half of the envelope's margin is all that holds the tip.
         let ([_, without, silent, program], [off, off_without]) = (worst.below_mm, worst.off_line_mm);
         assert!(without > 0.9 && silent > 1.0 && program > 0.5, "{name}: {worst:?}");
