@@ -24,7 +24,7 @@ const WRITES_M: f64 = 1e-3;
 const WRITES_MPS: f64 = 0.01;
 /// The line is let go of while it keeps a joint back by more than this \[s\], at the joint's deceleration.
 const LINE_COSTS_S: f64 = 0.008;
-/// Longest that the path may delay the end of the command's motion \[s\]; 0.05 is the most seen in strokes.
+/// Longest that the path may delay the end of the command's motion \[s\]; 0.03 is the most seen in strokes.
 const ENDS_S: f64 = 0.1;
 /// So far beside the workspace the paper still counts \[m\].
 const BESIDE_M: f64 = 0.01;
