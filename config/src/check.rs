@@ -221,6 +221,20 @@ fn plane(s: &Settings, report: &mut Findings<'_>) {
             );
         }
     }
+    let ([low, _], press) = (z, s.plane.press_m);
+    if low <= 0.0 && !(-press >= low) {
+        /// Room below the pressing depth for what the tip sinks in fast strokes.
+        const ROOM_M: f64 = 5e-4;
+        report.conflict(
+            "plane.press_m",
+            format!("presses the tip {press} m below the paper, but plane.workspace_m ends {} m below it", -low),
+            format!(
+                "press less, or let the workspace's z range begin at {:.4} m: so deep may the pen's spring be \
+                 pushed in",
+                -press - ROOM_M
+            ),
+        );
+    }
 }
 
 fn ranges(s: &Settings, report: &mut Findings<'_>) {

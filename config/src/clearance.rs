@@ -2,6 +2,8 @@
 
 use foretrace_control::arm::{Chain, JointLimits};
 use foretrace_control::clearance::{Clearance, ClearanceError, ClearanceSettings, Obstacle};
+use foretrace_control::ik::{ToolTarget, solve_pose};
+use nalgebra::Vector3;
 
 use crate::check::Findings;
 use crate::robot::JOINTS;
@@ -93,4 +95,48 @@ pub(crate) fn clearance(
         );
     }
     Some(wanted)
+}
+
+/// Reports a place of the paper, its middle or a corner, at which a pen that presses brings a link nearer to
+/// a plane, a box or the arm than the margin: the tip would stay above the pressing depth.
+pub(crate) fn pressed(
+    settings: &Settings,
+    wanted: &ClearanceSettings,
+    chain: &Chain<JOINTS>,
+    limits: &JointLimits<JOINTS>,
+    home: &[f64; JOINTS],
+    report: &mut Findings<'_>,
+) {
+    let plane = &settings.plane;
+    let Ok(kept) = Clearance::new(chain, limits, settings.period_ns() as f64 * 1e-9, wanted) else { return };
+    let (origin, rotation) = (Vector3::from(plane.origin_m), plane.rotation());
+    let at = |seed: &[f64; JOINTS], x: f64, y: f64, z: f64| {
+        let point = origin + rotation * Vector3::new(x, y, z);
+        solve_pose(chain, seed, &ToolTarget::at_rest(point, -(rotation * Vector3::z()), None))
+    };
+    let [[x_min, x_max], [y_min, y_max], _] = plane.workspace_m;
+    let (x, y) = (0.5 * (x_min + x_max), 0.5 * (y_min + y_max));
+    let Some(over) = at(home, x, y, plane.lift_height_m) else { return };
+    for (x, y) in [(x, y), (x_min, y_min), (x_min, y_max), (x_max, y_min), (x_max, y_max)] {
+        let pressing =
+            at(&over, x, y, plane.lift_height_m).and_then(|lifted| at(&lifted, x, y, -plane.press_m));
+        let Some(nearest) = pressing.and_then(|q| kept.nearest(&chain.forward(&q))) else { continue };
+        if nearest.distance_m < wanted.margin_m {
+            let other =
+                nearest.other.map_or_else(|| "a plane or box".to_owned(), |link| format!("link `{link}`"));
+            report.conflict(
+                "plane.press_m",
+                format!(
+                    "brings link `{}` at x = {x}, y = {y} m of the plane to {:.4} m from {other}, {:.4} m less than \
+                     clearance.margin_m = {}",
+                    nearest.link,
+                    nearest.distance_m,
+                    wanted.margin_m - nearest.distance_m,
+                    wanted.margin_m
+                ),
+                "press less, let the tool's shape end higher above its tip, or lower the margin",
+            );
+            return;
+        }
+    }
 }

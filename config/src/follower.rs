@@ -251,6 +251,7 @@ fn plane(s: &Settings) -> Plane {
         pen_scale: s.plane.scale,
         pen_origin: s.plane.pen_origin_m,
         lift_height: s.plane.lift_height_m,
+        press_depth: s.plane.press_m,
     }
 }
 

@@ -12,7 +12,7 @@ use foretrace_control::ik::{ToolTarget, solve_pose};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use crate::check::Findings;
-use crate::clearance::clearance;
+use crate::clearance::{clearance, pressed};
 use crate::presets;
 use crate::settings::{PlaneSection, RobotSection, Settings};
 use crate::written::Place;
@@ -68,6 +68,12 @@ pub(crate) fn robot(settings: &Settings, report: &mut Findings<'_>) -> Option<Ro
     // Reach is only checked from a legal home in a legal plane.
     if report.problems.len() == before {
         reach(&settings.plane, &chain, &limits, &home, report);
+    }
+    if let Some(wanted) = &clearance
+        && settings.plane.press_m > 0.0
+        && report.problems.len() == before
+    {
+        pressed(settings, wanted, &chain, &limits, &home, report);
     }
     (report.problems.len() == before).then_some(Robot { chain, limits, home, clearance })
 }

@@ -7,7 +7,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use foretrace_control::contact::{EffortReading, EffortUnit};
-use foretrace_control::follower::{Budget, Follower, JointReading, NoClock, Request, StepInput};
+use foretrace_control::follower::{Budget, Follower, JointReading, NoClock, Request, Rung, StepInput};
+use foretrace_control::pen::PenReading;
 use foretrace_control::predict::PredictorKind;
 use foretrace_control::units::Stamp;
 use foretrace_shm::{ControlOp, ControlStatus, Mode, Stage};
@@ -62,6 +63,35 @@ fn no_tick_of_the_way_home_allocates() {
     }
     assert_eq!(alloc_count::allocations(), before);
     assert!(moved, "the arm went home");
+}
+
+/// In mid stroke, where rows hold the tip on the paper.
+#[test]
+fn no_tick_of_a_stop_allocates() {
+    let settings = Source::preset("ur5").load().unwrap().follower_settings();
+    let mut q = settings.ik.home;
+    let mut follower = Follower::<20, 6>::new(settings).unwrap();
+    let (mut now, mut stopping, mut before) = (Stamp(1_000_000_000), 0, 0);
+    for tick in 0..1500_u64 {
+        let joints = JointReading { stamp: now, q, qd: [0.0; 6], motion_allowed: true };
+        let angle = 12.0 * tick as f64 * 0.002;
+        let pen = [PenReading::new(now, [0.03 * angle.cos(), 0.03 * angle.sin()], true)];
+        let request = match tick {
+            1 => Some(Request::Arm),
+            1000 => Some(Request::Stop),
+            _ => None,
+        };
+        let input = StepInput { pen: &pen, joints: Some(&joints), request, ..StepInput::nothing(now) };
+        if tick == 1000 {
+            before = alloc_count::allocations();
+        }
+        let output = follower.step(&input, Budget::default(), &mut NoClock);
+        stopping += u32::from(output.rung == Rung::Stop && tick > 1000);
+        q = output.command.map_or(q, |command| command.q);
+        now = now.plus_ns(2_000_000);
+    }
+    assert_eq!(alloc_count::allocations(), before);
+    assert!(stopping > 5, "a stop in motion takes some ticks: {stopping}");
 }
 
 #[test]

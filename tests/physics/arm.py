@@ -59,6 +59,7 @@ class Case:
     slow: dict = field(default_factory=dict)  # joint: share of its speed limit
     walls: list = field(default_factory=list)
     pushes: list = field(default_factory=list)
+    press_m: float = 0.0  # plane.press_m, with the workspace half a millimetre deeper
     settings: list = field(default_factory=list)  # --set of foretrace
 
 

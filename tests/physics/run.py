@@ -17,6 +17,7 @@ from arm import Arm, Plane
 ROOT = Path(__file__).resolve().parents[2]
 AFTER_TOUCH_S = 0.15  # a pen that comes down may be so late
 REST_S = 1.0  # every run that stops goes on for so long
+ANSWERS_S = 0.28  # the tracking monitor's memory: the longest lag, the spread of a filter, jitter
 
 
 class Robot:
@@ -29,6 +30,7 @@ class Robot:
         self.speeds = np.array([float(limit["velocity"]) for limit in limits])
         base = tomllib.loads((ROOT / "config/presets/ur5.toml").read_text())["plane"]
         base |= tomllib.loads((ROOT / f"config/presets/{preset}.toml").read_text()).get("plane", {})
+        self.workspace_m = base["workspace_m"]
         x, normal = np.array(base["x_axis"]), np.array(base["normal"])
         self.plane = Plane(np.array(base["origin_m"]), np.array([x, np.cross(normal, x), normal]))
 
@@ -66,6 +68,10 @@ def own(program, preset, pen, settings=()):
 def physics(program, case, pen, stop_at_s=None):
     """The pen in front of the arm of `case`; a dictionary of figures, and the ticks."""
     robot = Robot(case.preset)
+    settings = list(case.settings)
+    if case.press_m:
+        x, y, (_, high) = robot.workspace_m
+        settings += [f"plane.press_m={case.press_m}", f"plane.workspace_m={[x, y, [-case.press_m - 5e-4, high]]}"]
 
     def make(home, period_s):
         return Arm(case, robot.urdf, robot.efforts, robot.speeds, robot.plane, home, period_s)
@@ -77,7 +83,7 @@ def physics(program, case, pen, stop_at_s=None):
         extra = ["--arm-socket", path, "--after-stop", str(REST_S)]
         if stop_at_s is not None:
             extra += ["--stop-at", str(stop_at_s)]
-        process = law(program, case.preset, pen, case.settings, folder, extra)
+        process = law(program, case.preset, pen, settings, folder, extra)
         logs = []
         try:
             while process.poll() is None:
@@ -96,6 +102,18 @@ def physics(program, case, pen, stop_at_s=None):
             raise RuntimeError(f"{case.name}: {errors}")
         told, ticks = read(folder)
     return figures(case, told, ticks, [np.array(log) for log in logs]), ticks
+
+
+def outside(height_mm, command_mm, t_s):
+    """How far along the plane's normal the tip was, at most, from all heights commanded in the last `ANSWERS_S` [mm]; the first second left out."""
+    count = min(len(height_mm), len(command_mm))
+    back = round(ANSWERS_S / np.median(np.diff(t_s[:1000])))
+    if count <= back:
+        return float("nan")
+    lately = np.lib.stride_tricks.sliding_window_view(command_mm[:count], back + 1)
+    away = np.maximum(height_mm[back:count] - lately.max(axis=1), lately.min(axis=1) - height_mm[back:count])
+    away = away[t_s[back:count] > t_s[0] + 1.0]
+    return float(max(0.0, np.nanmax(away))) if np.isfinite(away).any() else float("nan")
 
 
 def figures(case, told, ticks, logs):
@@ -118,6 +136,7 @@ def figures(case, told, ticks, logs):
         "tip_lowest_mm": float(height_mm.min()),
         "saturated_pct": 100 * float(log[:, 6].mean()),
     }
+    out["normal_mm"] = outside(height_mm, ticks["command_z_m"] * 1e3, ticks["t_s"])
     down = ticks["contact"] == 1
     period_s = np.median(np.diff(ticks["t_s"][:1000]))
     late = round(AFTER_TOUCH_S / period_s)
@@ -125,6 +144,7 @@ def figures(case, told, ticks, logs):
     touching = written & (paper[: len(written)] > 0)
     out["contact_pct"] = 100 * touching.sum() / written.sum() if written.any() else float("nan")
     out["force_p50_n"] = float(np.median(paper[: len(written)][touching])) if touching.any() else 0.0
+    out["force_p99_n"] = float(np.percentile(paper[: len(written)][written], 99)) if written.any() else 0.0
     if stop:
         at = int(np.argmax(log[:, 0] >= stop["t_s"] - 1e-9))
         out["force_at_stop_n"] = float(force[max(0, at - 5) : at + 1].max())
@@ -132,11 +152,11 @@ def figures(case, told, ticks, logs):
         touched = np.flatnonzero(force[: at + 1] > 5.0)
         out["touch_to_stop_s"] = float(log[at, 0] - log[touched[0], 0]) if touched.size else float("nan")
         out["touched_before_stop_s"] = float(period_s * touched.size)
-        # How far the command goes down after the stop, below paper and the place where the stop came.
+        # How far the command goes down after the stop, below the pressing depth and the place where the stop came.
         command_mm = ticks["command_z_m"] * 1e3
         after = command_mm[np.argmax(ticks["t_s"] >= stop["t_s"] - 1e-9) :]
         out["command_z_at_stop_mm"] = float(after[0])
-        out["command_below_mm"] = float(max(0.0, min(0.0, after[0]) - np.nanmin(after)))
+        out["command_below_mm"] = float(max(0.0, min(-1e3 * case.press_m, after[0]) - np.nanmin(after)))
     else:
         out |= dict.fromkeys(("force_at_stop_n", "force_left_n", "touch_to_stop_s", "touched_before_stop_s"), float("nan"))
     return out

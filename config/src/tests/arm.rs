@@ -306,3 +306,39 @@ fn a_home_where_the_arm_would_not_be_armed_is_told() {
     );
     assert!(tilted.len() == 1 && tilted.iter().all(|r| r.contains("tilted by 0.358 rad")), "{tilted:?}");
 }
+
+#[test]
+fn a_pen_presses_no_deeper_than_the_workspace_and_is_told_how_deep_that_must_be() {
+    let deep = "[plane]\npress_m = 0.001\n";
+    let text = over_ur5(deep).unwrap_err().to_string();
+    assert!(text.contains("key `plane.press_m`") && text.contains("0.0005 m below it"), "{text}");
+    assert!(text.contains("z range begin at -0.0015 m"), "{text}");
+    let reached = format!("{deep}workspace_m = [[-0.15, 0.15], [-0.1, 0.1], [-0.0015, 0.06]]\n");
+    assert!(over_ur5(&reached).is_ok());
+    // As deep as the workspace is, and not a hundredth of a millimetre more.
+    assert!(over_ur5("[plane]\npress_m = 0.0005\n").is_ok());
+    assert!(over_ur5("[plane]\npress_m = 0.00051\n").is_err());
+    let text = over_ur5("[plane]\npress_m = 0.5\n").unwrap_err().to_string();
+    assert!(text.contains("outside 0 to 0.005 m") && text.contains("looks like mm"), "{text}");
+}
+
+/// The pen of `config/robots/ur5.urdf` has no shape. This one ends 15 mm above its tip, 10.3 mm above a ledge
+/// when the tip is on the paper.
+#[test]
+fn a_pen_that_would_press_its_shape_into_a_keep_out_names_the_link_and_by_how_much() {
+    let shape = "<link name=\"pen\"><collision><origin xyz=\"0 0 0.13\"/><geometry><sphere radius=\"0.005\"/></geometry>\
+                 </collision></link><joint name=\"held\" type=\"fixed\"><parent link=\"tool0\"/><child \
+                 link=\"pen\"/></joint></robot>";
+    let urdf = presets::robot("ur5").unwrap().replace("</robot>", shape);
+    let paper_m = Config::preset("ur5").unwrap().settings().plane.origin_m[2];
+    let ledge_m = paper_m + 0.015 - 0.0103;
+    let pressing = |press_m: f64| {
+        let ledge = format!("planes_m = [[[0.0, 0.0, {ledge_m}], [0.0, 0.0, 1.0]]]\n");
+        with_urdf(&urdf, &format!("[plane]\npress_m = {press_m}\n[clearance]\nmargin_m = 0.01\n{ledge}"))
+    };
+    pressing(0.0).unwrap();
+    pressing(0.0002).unwrap();
+    let text = pressing(0.0005).unwrap_err();
+    assert!(text.contains("key `plane.press_m`") && text.contains("brings link `pen`"), "{text}");
+    assert!(text.contains("0.0002 m less than clearance.margin_m = 0.01"), "{text}");
+}

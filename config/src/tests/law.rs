@@ -116,9 +116,11 @@ fn words_choose_what_they_say() {
 #[test]
 fn the_plane_of_the_law_is_the_plane_of_the_file() {
     let config = Config::preset("ur5e").unwrap();
-    let Plane { origin, lift_height, pen_scale, .. } = config.follower_settings().plane;
+    let Plane { origin, lift_height, press_depth, pen_scale, .. } = config.follower_settings().plane;
     assert_eq!([origin.x, origin.y, origin.z], config.settings().plane.origin_m);
-    assert_eq!((lift_height, pen_scale), (0.01, 1.0));
+    assert_eq!((lift_height, press_depth, pen_scale), (0.01, 0.0, 1.0));
+    let pressing = over_ur5("[plane]\npress_m = 0.0004\n").unwrap();
+    assert_eq!(pressing.follower_settings().plane.press_depth, 0.0004);
 }
 
 #[test]

@@ -163,6 +163,7 @@ mod tests {
             pen_scale: 1.0,
             pen_origin: [0.0; 2],
             lift_height: 0.01,
+            press_depth: 0.0,
         };
         if tilt == 0.0 {
             assert!((plane.rotation * Vector3::z() - normal).norm() < 1e-9);

@@ -17,6 +17,8 @@ pub struct Plane {
     pub pen_origin: [f64; 2],
     /// Height of the tool above the paper while the pen is up \[m\].
     pub lift_height: f64,
+    /// How far below the paper a tool that writes is commanded \[m\]: the preload of a pen with a spring.
+    pub press_depth: f64,
 }
 
 impl Plane {
@@ -86,6 +88,7 @@ mod tests {
             pen_scale: 2.0,
             pen_origin: [0.01, 0.02],
             lift_height: 0.01,
+            press_depth: 0.0,
         }
     }
 

@@ -114,6 +114,7 @@ pub fn health(health: Health) -> u32 {
         | of(Health::IK_LIMITED, wire::IK_CLIPPED)
         | of(Health::GUARD_ALTERED, wire::GUARD_CLIPPED)
         | of(Health::CLEARANCE, wire::CLEARANCE)
+        | of(Health::PATH_LOST, wire::STOP_OFF_PATH)
         | of(Health::RESYNCHRONISED, wire::RESYNCHRONISED)
         | of(Health::SHED, wire::SHED)
         | of(Health::JOINTS_STALE, wire::JOINT_STATE_STALE)

@@ -154,6 +154,8 @@ wire_flags! {
         IK_FAILED = 29 => "ik failed",
         /// Clearance rows held the motion back.
         CLEARANCE = 30 => "held clear",
+        /// A stop braked joint by joint, off its path.
+        STOP_OFF_PATH = 31 => "stop off its path",
     }
 }
 

@@ -116,6 +116,7 @@ mod tests {
             pen_scale: 2.0,
             pen_origin: [0.1, -0.2],
             lift_height: 0.02,
+            press_depth: 0.0,
         }
     }
 

@@ -19,6 +19,7 @@ mod shared;
 mod soak;
 mod starved;
 mod stop_duration;
+mod stops;
 mod train_fit;
 mod train_foresight;
 mod train_gradients;

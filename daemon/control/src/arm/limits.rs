@@ -350,3 +350,31 @@ pub fn stop_jerk<const J: usize>(limits: &JointLimits<J>) -> [f64; J] {
         jerk
     })
 }
+
+/// The next velocity of one joint, or along one direction, on its way to rest: a step of `h` \[s\] from
+/// velocity `v` and acceleration `a`.
+///
+/// With braking b > 0 against v > 0, the largest b from which steps of `jerk`·h lead b to zero before v is
+/// spent solves h·b + h·Σ_k max(b − k·jerk·h, 0) = v, piecewise linear in b: b = (v/h + jerk·h·n(n+1)/2) / (n
+/// + 1) where n jerk·h ≤ b. Braking along it is exact in discrete time: v and b reach zero at the same tick.
+#[must_use]
+pub(crate) fn slowed(v: f64, a: f64, h: f64, decel: f64, jerk: f64) -> f64 {
+    let speed = v.abs();
+    // At rest the braking direction opposes the remaining acceleration.
+    let sign = if v != 0.0 { v.signum() } else { -a.signum() };
+    let braking = -a * sign;
+    let step = jerk * h;
+    let exact = if step.is_finite() {
+        let n = ((0.25 + 2.0 * speed / (step * h)).sqrt() - 0.5).floor().max(0.0);
+        (speed / h + step * 0.5 * n * (n + 1.0)) / (n + 1.0)
+    } else {
+        speed / h
+    };
+    let wanted = exact.min(decel);
+    // min and max rather than clamp: an infinite step must not make NaN bounds.
+    let rate = if step.is_finite() { wanted.max(braking - step).min(braking + step) } else { wanted };
+    if (rate * h - speed).abs() <= 1e-12 {
+        return 0.0;
+    }
+    v - sign * rate * h
+}

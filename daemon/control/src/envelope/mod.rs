@@ -21,6 +21,7 @@ mod settings;
 
 use crate::state::state;
 pub use judge::EnvelopeFigures;
+pub(crate) use rows::fastest_stoppable;
 pub use settings::{EnvelopeError, EnvelopeSettings};
 
 use nalgebra::Vector3;

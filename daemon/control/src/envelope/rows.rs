@@ -4,7 +4,7 @@ use nalgebra::{SVector, Vector3, Vector6};
 
 use super::{Envelope, TILT_MARGIN_RAD};
 use crate::arm::Kinematics;
-use crate::arm::limits::{JointMotion, VelocityBox, viable_velocity};
+use crate::arm::limits::{JointLimits, JointMotion, VelocityBox, viable_velocity};
 use crate::arm::silence::Silence;
 use crate::mpc::AxisLimits;
 use crate::qp::offered::Offered;
@@ -144,49 +144,61 @@ impl<const J: usize> Envelope<J> {
         });
     }
 
-    /// The fastest speed along `way` in the direction `sign` that can be stopped within `room`; 0 if there is
-    /// no room.
+    /// See [`fastest_stoppable`].
     fn fastest(&self, way: &Way<J>, motion: &JointMotion<J>, room: f64, elapsed: f64, sign: f64) -> f64 {
-        if room <= 0.0 {
-            return 0.0;
-        }
-        if room == f64::INFINITY {
-            return room;
-        }
-        let most =
-            |of: &[f64; J]| COUNTED_ON * way.row.iter().zip(of).map(|(c, most)| c.abs() * most).sum::<f64>();
-        let braking = most(self.limits.acceleration());
-        let Some(jerk) = self.limits.jerk() else {
-            // The root of v·h + v²/(2a) = room.
-            return viable_velocity(room, elapsed, 0.0, braking.max(f64::MIN_POSITIVE), f64::INFINITY);
-        };
-        let limits = AxisLimits {
-            jerk_mps3: most(jerk).max(f64::MIN_POSITIVE),
-            acceleration_mps2: braking,
-            velocity_mps: f64::INFINITY,
-            position_m: [f64::NEG_INFINITY, room],
-        };
-        let now = sign * dot(&way.row, &motion.qd);
-        let enough = |v: f64| {
-            let state = AxisState {
-                position: v * elapsed,
-                velocity: v,
-                acceleration: ((v - now) / elapsed).clamp(-braking, braking),
-            };
-            let [_, farthest] = limits.stopping_m(&state);
-            farthest <= room
-        };
-        let (mut good, mut bad) = (0.0, room / elapsed);
-        for _ in 0..HALVINGS {
-            let middle = 0.5 * (good + bad);
-            if enough(middle) {
-                good = middle;
-            } else {
-                bad = middle;
-            }
-        }
-        good
+        fastest_stoppable(&self.limits, &way.row, motion, room, elapsed, sign)
     }
+}
+
+/// The fastest speed \[m/s\] along `row` \[m/rad\] in the direction `sign` from which the tool is at rest
+/// within `room` \[m\], with half of what the joints give there: half, because several bounds may be active
+/// and the Jacobian changes meanwhile. 0 if there is no room.
+pub(crate) fn fastest_stoppable<const J: usize>(
+    limits: &JointLimits<J>,
+    row: &[f64; J],
+    motion: &JointMotion<J>,
+    room: f64,
+    elapsed: f64,
+    sign: f64,
+) -> f64 {
+    if room <= 0.0 {
+        return 0.0;
+    }
+    if room == f64::INFINITY {
+        return room;
+    }
+    let most = |of: &[f64; J]| COUNTED_ON * row.iter().zip(of).map(|(c, most)| c.abs() * most).sum::<f64>();
+    let braking = most(limits.acceleration());
+    let Some(jerk) = limits.jerk() else {
+        // The root of v·h + v²/(2a) = room.
+        return viable_velocity(room, elapsed, 0.0, braking.max(f64::MIN_POSITIVE), f64::INFINITY);
+    };
+    let limits = AxisLimits {
+        jerk_mps3: most(jerk).max(f64::MIN_POSITIVE),
+        acceleration_mps2: braking,
+        velocity_mps: f64::INFINITY,
+        position_m: [f64::NEG_INFINITY, room],
+    };
+    let now = sign * dot(row, &motion.qd);
+    let enough = |v: f64| {
+        let state = AxisState {
+            position: v * elapsed,
+            velocity: v,
+            acceleration: ((v - now) / elapsed).clamp(-braking, braking),
+        };
+        let [_, farthest] = limits.stopping_m(&state);
+        farthest <= room
+    };
+    let (mut good, mut bad) = (0.0, room / elapsed);
+    for _ in 0..HALVINGS {
+        let middle = 0.5 * (good + bad);
+        if enough(middle) {
+            good = middle;
+        } else {
+            bad = middle;
+        }
+    }
+    good
 }
 
 fn dot<const J: usize>(a: &[f64; J], b: &[f64; J]) -> f64 {
@@ -198,7 +210,7 @@ mod tests {
     use nalgebra::Rotation3;
 
     use super::*;
-    use crate::arm::{Chain, JointLimits};
+    use crate::arm::Chain;
     use crate::envelope::EnvelopeSettings;
     use crate::plane::Plane;
 
@@ -223,6 +235,7 @@ mod tests {
             pen_scale: 1.0,
             pen_origin: [0.0; 2],
             lift_height: 0.01,
+            press_depth: 0.0,
         };
         let chain = Chain::from_urdf(TWO_JOINTS, None, None).unwrap();
         Envelope::new(&settings, &chain, plane, [[-0.1, 0.1]; 3], 1.0, &limits).unwrap()

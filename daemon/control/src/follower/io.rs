@@ -115,6 +115,8 @@ impl Health {
     pub const JOINTS_REJECTED: u32 = 1 << 15;
     /// Clearance rows or the tool's envelope held the arm back.
     pub const CLEARANCE: u32 = 1 << 16;
+    /// A stop left its path, joint by joint: there was no time to solve, or no certified solution.
+    pub const PATH_LOST: u32 = 1 << 17;
     /// Used something below the fresh plan on the ladder.
     pub const FALLBACK: u32 = 1 << 14;
 
@@ -368,6 +370,7 @@ mod tests {
             Health::JOINTS_REJECTED,
             Health::CLEARANCE,
             Health::FALLBACK,
+            Health::PATH_LOST,
         ];
         assert_eq!(bits.iter().fold(0, |all, bit| all | bit), (1 << bits.len()) - 1);
         assert!(bits.iter().all(|bit| bit.count_ones() == 1));

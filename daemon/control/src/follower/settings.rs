@@ -350,6 +350,7 @@ impl<const J: usize> FollowerSettings<J> {
             ("pen origin x", pen_x, -1e3, 1e3, "m"),
             ("pen origin y", pen_y, -1e3, 1e3, "m"),
             ("lift height", self.plane.lift_height, 0.0, 1.0, "m"),
+            ("pressing depth", self.plane.press_depth, 0.0, 0.05, "m"),
             ("plane origin x", x, -10.0, 10.0, "m"),
             ("plane origin y", y, -10.0, 10.0, "m"),
             ("plane origin z", z, -10.0, 10.0, "m"),

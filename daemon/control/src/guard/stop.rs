@@ -5,8 +5,11 @@
 //! its limits allow.
 
 use super::Commanded;
-use crate::arm::limits::{JointLimits, stop_jerk, velocity_box};
+use crate::arm::limits::{JointLimits, slowed, stop_jerk, velocity_box};
 use crate::units::Stamp;
+
+/// A joint faster than alone by less than this \[rad/s\] is not held up: rounding.
+const BEHIND_RADPS: f64 = 1e-6;
 
 /// Brings an arm to rest.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -35,13 +38,30 @@ impl<const J: usize> StopProfile<J> {
     /// velocity.
     #[must_use]
     pub fn next(&self, last: &Commanded<J>, stamp: Stamp) -> [f64; J] {
+        self.slower(last, stamp, self.limits.deceleration())
+    }
+
+    /// The same for a stop that rows held up: a joint that is faster than it would be by itself (`alone`
+    /// \[rad/s\]) brakes with its whole acceleration, to rest hardly later.
+    #[must_use]
+    pub fn next_held_up(&self, last: &Commanded<J>, stamp: Stamp, alone: &[f64; J]) -> [f64; J] {
+        let mut braking = *self.limits.deceleration();
+        let speeds = last.qd().iter().zip(alone);
+        for ((braking, most), (qd, alone)) in braking.iter_mut().zip(self.limits.acceleration()).zip(speeds) {
+            if qd.abs() > alone.abs() + BEHIND_RADPS {
+                *braking = *most;
+            }
+        }
+        self.slower(last, stamp, &braking)
+    }
+
+    fn slower(&self, last: &Commanded<J>, stamp: Stamp, deceleration: &[f64; J]) -> [f64; J] {
         let h = stamp.seconds_since(last.stamp());
         let mut qd = *last.qd();
         if h <= 0.0 {
             return qd;
         }
-        for ((v, a), (decel, jerk)) in
-            qd.iter_mut().zip(last.qdd()).zip(self.limits.deceleration().iter().zip(&self.jerk))
+        for ((v, a), (decel, jerk)) in qd.iter_mut().zip(last.qdd()).zip(deceleration.iter().zip(&self.jerk))
         {
             *v = slowed(*v, *a, h, *decel, *jerk);
         }
@@ -60,30 +80,4 @@ impl<const J: usize> StopProfile<J> {
     pub fn is_done(last: &Commanded<J>) -> bool {
         last.qd().iter().chain(last.qdd()).all(|v| *v == 0.0)
     }
-}
-
-/// The next velocity of one joint on its way to rest.
-///
-/// With braking b > 0 against v > 0, the largest b from which steps of `jerk`·h lead b to zero before v is
-/// spent solves h·b + h·Σ_k max(b − k·jerk·h, 0) = v, piecewise linear in b: b = (v/h + jerk·h·n(n+1)/2) / (n
-/// + 1) where n jerk·h ≤ b. Braking along it is exact in discrete time: v and b reach zero at the same tick.
-fn slowed(v: f64, a: f64, h: f64, decel: f64, jerk: f64) -> f64 {
-    let speed = v.abs();
-    // At rest the braking direction opposes the remaining acceleration.
-    let sign = if v != 0.0 { v.signum() } else { -a.signum() };
-    let braking = -a * sign;
-    let step = jerk * h;
-    let exact = if step.is_finite() {
-        let n = ((0.25 + 2.0 * speed / (step * h)).sqrt() - 0.5).floor().max(0.0);
-        (speed / h + step * 0.5 * n * (n + 1.0)) / (n + 1.0)
-    } else {
-        speed / h
-    };
-    let wanted = exact.min(decel);
-    // min and max rather than clamp: an infinite step must not make NaN bounds.
-    let rate = if step.is_finite() { wanted.max(braking - step).min(braking + step) } else { wanted };
-    if (rate * h - speed).abs() <= 1e-12 {
-        return 0.0;
-    }
-    v - sign * rate * h
 }

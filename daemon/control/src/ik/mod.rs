@@ -12,9 +12,10 @@
 
 pub mod task;
 pub mod pose;
+mod stopping;
 
 use crate::state::{choices, state};
-use nalgebra::{SMatrix, SVector, Vector3};
+use nalgebra::{SVector, Vector3};
 use thiserror::Error;
 
 use crate::arm::{JointLimits, JointMotion, Kinematics, VelocityBox, limits, velocity_box};
@@ -23,6 +24,7 @@ use crate::envelope::Envelope;
 use crate::qp::offered::Offered;
 
 pub use pose::solve_pose;
+pub use stopping::{PathKept, StopPath, StopStep};
 pub use task::{IkSettings, ToolTarget};
 
 use crate::qp::QpStatus;
@@ -110,6 +112,8 @@ pub struct BackendError {
 #[derive(Debug)]
 pub struct Ik<const J: usize> {
     limits: JointLimits<J>,
+    /// The same with the jerk of a stop.
+    eased: JointLimits<J>,
     settings: IkSettings<J>,
     clarabel: Option<Box<ClarabelBox<J>>>,
     clearance: Option<Box<Clearance<J>>>,
@@ -122,7 +126,7 @@ pub struct Ik<const J: usize> {
 state! {
     [const J: usize] Ik<J> { envelope_in_force, offered }
     present { clarabel, clearance, envelope }
-    fixed { limits, settings }
+    fixed { limits, eased, settings }
 }
 
 impl<const J: usize> Ik<J> {
@@ -131,6 +135,7 @@ impl<const J: usize> Ik<J> {
     pub fn new(limits: JointLimits<J>, settings: IkSettings<J>) -> Self {
         Self {
             limits,
+            eased: limits.with_jerk(limits::stop_jerk(&limits)).unwrap_or(limits),
             settings,
             clarabel: None,
             clearance: None,
@@ -264,39 +269,25 @@ impl<const J: usize> Ik<J> {
         IkStep { qd, report }
     }
 
-    /// The velocities nearest to `wanted` \[rad/s\], a step of a stop, that satisfy the rows.
-    ///
-    /// Joints that brake independently can close a gap that they kept together. Rows of a stop demand no
-    /// retreat, so zero velocity satisfies them all: the minimiser of ‖q̇ − wanted‖² over box and rows is
-    /// never farther from rest than `wanted`, if rest is in the box.
-    #[must_use]
-    pub fn stopping(
+    /// Whether `wanted` \[rad/s\] violates a row of clearance or envelope; if so, `offered` holds all rows.
+    fn held_back(
         &mut self,
         kinematics: &Kinematics<J>,
         motion: &JointMotion<J>,
         wanted: &[f64; J],
+        allowed: &VelocityBox<J>,
         elapsed: f64,
-    ) -> StopStep<J> {
-        let allowed = velocity_box(motion, &self.limits, elapsed);
-        let held = self.held_back(kinematics, motion, wanted, &allowed, elapsed, Inside::Stay);
-        if !held.broken {
-            let (clearance, envelope) = held.reports([0; 2]);
-            return StopStep { qd: *wanted, clearance, envelope };
+        inside: Inside,
+    ) -> HeldBack {
+        let held = self.breaks(kinematics, motion, wanted, allowed, elapsed, inside);
+        if held.broken {
+            self.offer(kinematics, motion, wanted, allowed, elapsed);
         }
-        let (lower, upper) = (SVector::from(allowed.lower), SVector::from(allowed.upper));
-        let rows = self.offered.rows();
-        let kept = row_qp::solve(&SMatrix::identity(), &-SVector::from(*wanted), &lower, &upper, rows);
-        let (clearance, envelope) = held.reports([kept.held, kept.yielded]);
-        let qd = if kept.status.usable() {
-            allowed.nearest(&kept.x.into())
-        } else {
-            allowed.nearest(&limits::braking_straight(&motion.qd, self.limits.acceleration(), elapsed))
-        };
-        StopStep { qd, clearance, envelope }
+        held
     }
 
-    /// Whether `wanted` \[rad/s\] violates a row of clearance or envelope; if so, `offered` holds all rows.
-    fn held_back(
+    /// Whether `wanted` \[rad/s\] violates a row of clearance or envelope.
+    fn breaks(
         &mut self,
         kinematics: &Kinematics<J>,
         motion: &JointMotion<J>,
@@ -311,20 +302,28 @@ impl<const J: usize> Ik<J> {
             held.clear = rows.len();
             held.broken = !rows.kept_by(wanted, ROW_TOLERANCE);
         }
-        let envelope = self.envelope.as_ref().filter(|_| self.envelope_in_force);
-        if let Some(envelope) = envelope {
+        if let Some(envelope) = self.envelope.as_ref().filter(|_| self.envelope_in_force) {
             held.broken |= envelope.may_break(kinematics, motion, wanted, elapsed);
         }
-        if held.broken {
-            match &self.clearance {
-                Some(clearance) => self.offered.clone_from(clearance.found()),
-                None => self.offered.clear(),
-            }
-            if let Some(envelope) = envelope {
-                envelope.offer(kinematics, motion, wanted, allowed, elapsed, &mut self.offered);
-            }
-        }
         held
+    }
+
+    /// Puts the rows of clearance, as [`Self::breaks`] found them, and envelope into `offered`.
+    fn offer(
+        &mut self,
+        kinematics: &Kinematics<J>,
+        motion: &JointMotion<J>,
+        wanted: &[f64; J],
+        allowed: &VelocityBox<J>,
+        elapsed: f64,
+    ) {
+        match &self.clearance {
+            Some(clearance) => self.offered.clone_from(clearance.found()),
+            None => self.offered.clear(),
+        }
+        if let Some(envelope) = self.envelope.as_ref().filter(|_| self.envelope_in_force) {
+            envelope.offer(kinematics, motion, wanted, allowed, elapsed, &mut self.offered);
+        }
     }
 }
 
@@ -346,17 +345,6 @@ impl HeldBack {
         };
         (report, [held & !clear, yielded & !clear].map(u32::count_ones))
     }
-}
-
-/// Joint velocities of a stop, and the effect of the rows on them.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct StopStep<const J: usize> {
-    /// \[rad/s\], inside the velocity box if the wanted velocities are.
-    pub qd: [f64; J],
-    /// `held` and `yielded` are 0 if nothing was changed.
-    pub clearance: ClearanceReport,
-    /// See [`IkReport::envelope`].
-    pub envelope: [u32; 2],
 }
 
 /// Joint velocities and how they were found.

@@ -43,7 +43,7 @@ fn wild(rng: &mut Pcg64) -> ToolTarget {
 fn stop(arm: &mut Arm<'_>, profile: &StopProfile<6>) -> bool {
     let wanted = profile.next(&arm.last, arm.last.stamp() + TICK_NS);
     let k = arm.chain.forward(arm.last.q());
-    let qd = arm.ik.stopping(&k, arm.last.motion(), &wanted, TICK_S).qd;
+    let qd = arm.ik.stopping(&k, arm.last.motion(), &wanted, TICK_S, None, true).qd;
     let q: [f64; 6] = std::array::from_fn(|i| arm.last.q()[i] + qd[i] * TICK_S);
     let verdict = arm.guard.clamp(&arm.last, &q, arm.last.stamp() + TICK_NS);
     assert_eq!(verdict.altered, 0);

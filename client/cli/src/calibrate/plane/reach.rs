@@ -1,8 +1,8 @@
 //! Whether the arm gets everywhere on the new paper, upright and inside its limits.
 //!
-//! Contract: a grid over the whole workspace, on the paper and lifted. Each point is solved from its
-//! neighbour, as the arm would move; the tool stands exactly upright in every solution, so what needs a tilt
-//! counts as out of reach.
+//! Contract: a grid over the whole workspace, on the paper (as deep as the pen presses) and lifted. Each
+//! point is solved from its neighbour, as the arm would move; the tool stands exactly upright in every
+//! solution, so what needs a tilt counts as out of reach.
 
 use foretrace_config::settings::PlaneSection;
 use foretrace_config::{JOINTS, Robot};
@@ -32,7 +32,7 @@ pub(super) fn missing(plane: &PlaneSection, robot: &Robot) -> Option<String> {
         let mut seed = row_seed;
         for column in 0..SIDE {
             let (x, y) = (at(column, x_min, x_max), at(row, y_min, y_max));
-            for z in [lift, 0.0] {
+            for z in [lift, -plane.press_m] {
                 let place = || format!("x = {x:.3}, y = {y:.3}, z = {z:.3} m of the plane");
                 let Some(q) = solve(&seed, [x, y, z]) else {
                     return Some(format!("{} is out of reach with an upright tool", place()));

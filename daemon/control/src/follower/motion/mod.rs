@@ -10,6 +10,7 @@ mod takeover;
 mod references;
 mod plan;
 mod home;
+mod kept;
 mod solve;
 mod publish;
 
@@ -17,6 +18,7 @@ use crate::state::state;
 use arming::Arming;
 pub(super) use home::HomeNews;
 use home::Homing;
+use kept::KeptPath;
 pub(super) use setup::paced;
 use setup::{comes_to_rest, inverse_kinematics, planner};
 
@@ -117,6 +119,8 @@ pub(super) struct Mover<const N: usize, const J: usize> {
     stop: StopProfile<J>,
     homing: Box<Homing<J>>,
     held: Option<Held<J>>,
+    /// What the stop that goes on keeps; `None`: no stop goes on.
+    kept: Option<KeptPath<J>>,
     /// Stamp of the newest command; stamps never decrease, not even across an arming.
     issued: Stamp,
     reports: Reports,
@@ -141,7 +145,7 @@ pub(super) struct Mover<const N: usize, const J: usize> {
 
 state! {
     [const N: usize, const J: usize] Mover<N, J> {
-        mpc, ik, homing, held, issued, reports, tool, arm, plan, plan_start, bent, reach, pace_mps,
+        mpc, ik, homing, held, kept, issued, reports, tool, arm, plan, plan_start, bent, reach, pace_mps,
         approaching, height,
     }
     fixed {
@@ -196,6 +200,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
             guard: Guard::new(settings.limits),
             stop: StopProfile::new(settings.limits),
             held: None,
+            kept: None,
             issued: Stamp(0),
             reports: Reports::default(),
             tool: [AxisState::default(); 3],

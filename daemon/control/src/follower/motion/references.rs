@@ -36,7 +36,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
                 > LOST_M.max(LOST * self.approach_distance);
             self.approaching = !(off(pen.position) <= self.approach_distance) && (self.approaching || lost);
             let down = pen.contact && !self.approaching;
-            self.height = if down { 0.0 } else { self.plane.lift_height };
+            self.height = if down { -self.plane.press_depth } else { self.plane.lift_height };
         }
         let conservative = [x, y, self.height].map(AxisState::at_rest);
         let [hold_x, hold_y, hold_z] = conservative;

@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 
 use super::{HomeNews, Mover, Planned, Solved, Wanted};
 use crate::follower::io::{Health, Rung};
-use crate::ik::{IkSource, ToolTarget};
+use crate::ik::{IkSource, PathKept, ToolTarget};
 use crate::units::{AxisState, Stamp};
 
 /// Velocity error of the IK that the plan need not know about \[m/s\]; it is corrected as pose error later.
@@ -32,18 +32,25 @@ impl<const N: usize, const J: usize> Mover<N, J> {
             health.set(Health::FALLBACK);
         }
         let follows = qd.is_some();
+        if follows {
+            self.kept = None;
+        }
         let qd = qd.unwrap_or_else(|| self.stopping(start + self.period_ns, health));
         Solved { qd, follows, rung, home }
     }
 
     /// The next step of a stop, which ends at `reach`: joint velocities \[rad/s\].
     fn stopping(&mut self, reach: Stamp, health: &mut Health) -> [f64; J] {
-        let Some(held) = &self.held else { return [0.0; J] };
-        let wanted = self.stop.next(&held.command, reach);
-        let step = self.ik.stopping(&held.kinematics, held.command.motion(), &wanted, self.period_s);
+        let (wanted, path) = self.next_of_stop(reach, health);
+        let Some(held) = &self.held else { return wanted };
+        let (motion, h, solve) = (held.command.motion(), self.period_s, !health.has(Health::SHED));
+        let step = self.ik.stopping(&held.kinematics, motion, &wanted, h, path.as_ref(), solve);
         let [rows_held, rows_yielded] = step.envelope;
         if step.clearance.held | step.clearance.yielded | rows_held | rows_yielded != 0 {
             health.set(Health::CLEARANCE);
+        }
+        if step.path == PathKept::Lost {
+            health.set(Health::PATH_LOST);
         }
         step.qd
     }

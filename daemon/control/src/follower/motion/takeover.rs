@@ -27,12 +27,14 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         self.approaching = true;
         self.height = self.plane.lift_height;
         self.held = Some(Held { command, valid_until: start + self.valid_ns, kinematics });
+        self.kept = None;
         Ok(())
     }
 
     /// Gives the arm back.
     pub(in crate::follower) fn let_go(&mut self) {
         self.held = None;
+        self.kept = None;
         self.plan_start = None;
         self.leave_home();
     }

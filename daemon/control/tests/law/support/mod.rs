@@ -96,6 +96,7 @@ pub(crate) fn settings(kind: PredictorKind) -> FollowerSettings<6> {
             pen_scale: 1.0,
             pen_origin: [0.0; 2],
             lift_height: 0.01,
+            press_depth: 0.0,
         },
         chain,
         limits,

@@ -206,6 +206,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         self.plan_start = None;
         let kinematics = self.chain.forward(q);
         self.held = Some(Held { command, valid_until: start + self.valid_ns, kinematics });
+        self.kept = None;
         self.resynchronise();
         self.arm = self.tool;
         self.homing.underway = false;

@@ -167,7 +167,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         let [x, y] = to;
         let rests = [[AxisState::at_rest(x); N], [AxisState::at_rest(y); N]];
         let preview = (trust.alpha() > 0.0).then_some(rests);
-        let goal = [x, y, 0.0];
+        let goal = [x, y, -self.plane.press_depth];
         let begin = self.held.as_ref().map_or(Stamp(0), |held| held.command.stamp());
         let mut turns = self.tool.map(|axis| Turns::new(axis.position));
         let (mut before, mut arrived) = (self.tool.map(|axis| axis.position), 0);
