@@ -179,7 +179,7 @@ fn what_is_no_set_is_refused_with_what_would_be() {
         ),
         (
             &[("split.tsv/x", "")],
-            "split.tsv: cannot read the split table: not a regular file".to_owned(),
+            "split.tsv: cannot read the split table: a directory, not a regular file".to_owned(),
         ),
     ];
     for (files, wanted) in cases {
