@@ -12,7 +12,7 @@ section! {
                                         torques";
         /// Torque beyond the expectation that a joint may show for ever, as a share of its effort limit in
         /// the URDF.
-        torque_share: f64 = Between(0.02, 1.0), Default("0.1"), AtStart, "0.1";
+        torque_share: f64 = Between(0.02, 1.0), Default("0.07"), AtStart, "0.07";
         /// How long twice that torque may last; three times it, half as long.
         hold_ms: f64 = Between(0.0, 5000.0), Default("400.0"), AtStart, "400";
         /// Motion with the tool lifted, after each arming, before anything is judged.

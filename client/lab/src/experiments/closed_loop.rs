@@ -4,6 +4,7 @@
 //! memory with no delay. The learner, if there is one, takes each closed step at once, and its weights take
 //! effect at the next tick.
 
+use foretrace_control::contact::EffortUnit;
 use foretrace_control::follower::{
     Budget, Follower, FollowerError, FollowerSettings, Health, NoClock, Refusal, Request, StepInput,
     StepOutput,
@@ -178,6 +179,8 @@ fn built<const N: usize>(
 struct LoopDesk<const N: usize> {
     follower: Follower<N, JOINTS>,
     arm: Box<dyn DeskArm>,
+    /// Unit of its efforts, if it measures them.
+    effort: Option<EffortUnit>,
     /// Newest of the arm.
     measured: Measured,
     learner: Option<Learner>,
@@ -199,6 +202,7 @@ impl<const N: usize> LoopDesk<N> {
         Ok(Self {
             now,
             follower: Follower::new(settings)?,
+            effort: options.arm.facts().effort,
             measured: options.arm.begin(now).map_err(RunError::Arm)?,
             arm: options.arm,
             learner: options.learner,
@@ -212,12 +216,13 @@ impl<const N: usize> LoopDesk<N> {
     /// One period with the pen samples `due` and at most one request.
     fn tick(&mut self, due: &[PenReading], request: Option<Request>) -> Result<StepOutput<JOINTS>, RunError> {
         let joints = self.measured.reading();
+        let efforts = self.effort.map(|unit| self.measured.efforts(unit));
         let promoted = self.promoted.take();
         let input = StepInput {
             now: self.now,
             pen: due,
             joints: Some(&joints),
-            effort: None,
+            effort: efforts.as_ref(),
             enable: None,
             request: if self.armed { request } else { Some(Request::Arm) },
             halt: None,

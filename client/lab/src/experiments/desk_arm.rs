@@ -4,6 +4,7 @@ use std::collections::VecDeque;
 use std::error::Error;
 
 use foretrace_control::arm::JointLimits;
+use foretrace_control::contact::{EffortReading, EffortUnit};
 use foretrace_control::follower::{JointCommand, JointReading};
 use foretrace_control::units::Stamp;
 use foretrace_sim::arm::{ArmModel, ArmSettings, JOINTS};
@@ -39,6 +40,12 @@ impl Measured {
         let Self { stamp, q, qd, motion_allowed, .. } = *self;
         JointReading { stamp, q, qd, motion_allowed }
     }
+
+    /// Its efforts, of this unit, as the law reads them.
+    #[must_use]
+    pub const fn efforts(&self, unit: EffortUnit) -> EffortReading<JOINTS> {
+        EffortReading { stamp: self.stamp, effort: self.effort, unit }
+    }
 }
 
 /// What a loop is told of the arm before it runs.
@@ -50,6 +57,8 @@ pub struct ArmFacts {
     pub look_ahead_s: f64,
     /// It lags by a servo of its own, for which plans lead; false for ideal arms and pure delays.
     pub servo: bool,
+    /// Unit of the efforts that it measures; `None`: it measures none.
+    pub effort: Option<EffortUnit>,
 }
 
 /// An arm, one control period at a time.
@@ -98,7 +107,7 @@ impl ArmKind {
             Self::Delayed(delay_s) => (delay_s, 0.0, false),
             Self::Ur5(arm) => (arm.group_delay_s(), arm.look_ahead_s, true),
         };
-        ArmFacts { group_delay_s: Some(group_delay_s), look_ahead_s, servo }
+        ArmFacts { group_delay_s: Some(group_delay_s), look_ahead_s, servo, effort: None }
     }
 
     /// The arm, at rest at `home` \[rad\].

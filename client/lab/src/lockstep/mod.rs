@@ -13,6 +13,7 @@ use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+use foretrace_control::contact;
 use foretrace_control::follower::JointCommand;
 use foretrace_control::units::Stamp;
 use foretrace_sim::arm::JOINTS;
@@ -208,7 +209,12 @@ impl SocketArm {
 
 impl DeskArm for SocketArm {
     fn facts(&self) -> ArmFacts {
-        ArmFacts { group_delay_s: self.hello.group_delay_s, look_ahead_s: 0.0, servo: true }
+        let effort = match self.hello.effort {
+            EffortUnit::None => None,
+            EffortUnit::NewtonMetre => Some(contact::EffortUnit::NewtonMetres),
+            EffortUnit::Ampere => Some(contact::EffortUnit::Amperes),
+        };
+        ArmFacts { group_delay_s: self.hello.group_delay_s, look_ahead_s: 0.0, servo: true, effort }
     }
 
     fn begin(&mut self, now: Stamp) -> Result<Measured, ArmError> {

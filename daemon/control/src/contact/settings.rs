@@ -47,7 +47,7 @@ pub struct ContactSettings {
 impl ContactSettings {
     /// See docs/decisions/0028-contact-from-efforts.md.
     pub const DEFAULT: Self =
-        Self { judged: true, torque_share: 0.1, hold_ns: 400_000_000, learn_ns: 1_000_000_000 };
+        Self { judged: true, torque_share: 0.07, hold_ns: 400_000_000, learn_ns: 1_000_000_000 };
 
     /// Name, value, legal range and unit of each number.
     pub(crate) fn numbers(&self) -> [(&'static str, f64, f64, f64, &'static str); 3] {
