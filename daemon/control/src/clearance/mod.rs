@@ -166,10 +166,11 @@ impl<const J: usize> Clearance<J> {
         if settings.itself {
             pairs.extend(pairs::of_itself(chain, limits));
         }
+        pairs.sort_by_key(Pair::bodies);
         Ok(Self {
             chain: chain.clone(),
             limits: *limits,
-            watch: Watch::new(pairs.len()),
+            watch: Watch::new(&pairs),
             pairs,
             margin,
             rate: 1.0 / (own.max(consumer) + ease + period_s),

@@ -60,6 +60,17 @@ impl<const J: usize> Pair<J> {
         }
     }
 
+    /// The two bodies that it is about: pairs of the same have capsules of the same two links, or of a link and
+    /// one obstacle.
+    pub(super) const fn bodies(&self) -> [usize; 3] {
+        let (kind, other) = match &self.other {
+            Other::Plane(_) => (0, self.number),
+            Other::Cuboid(_) => (1, self.number),
+            Other::Capsule(second) => (2, second.link),
+        };
+        [kind, self.first.link, other]
+    }
+
     /// Calls `found` with every separation that a row may be about, and returns the smallest distance \[m\].
     pub(super) fn separations(&self, kinematics: &Kinematics<J>, mut found: impl FnMut(Separation)) -> f64 {
         let mut nearest = f64::INFINITY;

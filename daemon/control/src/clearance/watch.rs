@@ -50,9 +50,17 @@ struct Seen<const J: usize> {
 
 state! { whole [const J: usize] Seen<J> { q, distance } }
 
-/// What is remembered of all pairs.
+/// What is remembered of all pairs, by the bodies that they are about.
 #[derive(Debug, Clone)]
 pub(super) struct Watch<const J: usize> {
+    groups: Box<[Group<J>]>,
+}
+
+state! { [const J: usize] Watch<J> { groups } }
+
+/// What is remembered of the pairs of two bodies, whose levers are much alike: one check covers nearly all.
+#[derive(Debug, Clone)]
+struct Group<const J: usize> {
     seen: Vec<Seen<J>>,
     /// Pairs that are checked in every tick, in order.
     near: Vec<usize>,
@@ -64,15 +72,41 @@ pub(super) struct Watch<const J: usize> {
     swept: bool,
 }
 
-state! { [const J: usize] Watch<J> { seen, near, levers, span, since, swept } }
+state! { [const J: usize] Group<J> { seen, near, levers, span, since, swept } }
+
+/// A pair stays among the far ones while the tick's motion uses no more than this fraction of its gap; the
+/// rest is for the motion until they are looked at again.
+const SHARE: f64 = 0.3;
 
 impl<const J: usize> Watch<J> {
-    /// A pair stays among the far ones while the tick's motion uses no more than this fraction of its gap:
-    /// then one check covers all of them.
-    const SHARE: f64 = 1.0 / (J as f64 + 4.0);
+    /// Nothing seen yet of `pairs`, of which those of two bodies stand together.
+    pub(super) fn new(pairs: &[Pair<J>]) -> Self {
+        let groups = pairs.chunk_by(|a, b| a.bodies() == b.bodies());
+        Self { groups: groups.map(|pairs| Group::new(pairs.len())).collect() }
+    }
 
-    /// Nothing seen yet of `count` pairs.
-    pub(super) fn new(count: usize) -> Self {
+    /// Calls `measure` with every pair of those that it was made for, in order, that may have a row at `q`,
+    /// and with the gap above the margin \[m\] beyond which it has none; `measure` returns the pair's
+    /// distance \[m\].
+    pub(super) fn look(
+        &mut self,
+        pairs: &[Pair<J>],
+        q: &[f64; J],
+        reach: &Reach<J>,
+        margin: f64,
+        mut measure: impl FnMut(&Pair<J>, f64) -> f64,
+    ) {
+        let mut rest = pairs;
+        for group in &mut self.groups {
+            let (pairs, others) = rest.split_at_checked(group.seen.len()).unwrap_or((rest, &[]));
+            rest = others;
+            group.look(pairs, q, reach, margin, &mut measure);
+        }
+    }
+}
+
+impl<const J: usize> Group<J> {
+    fn new(count: usize) -> Self {
         Self {
             seen: vec![Seen { q: [0.0; J], distance: f64::NEG_INFINITY }; count],
             near: Vec::with_capacity(count),
@@ -83,15 +117,14 @@ impl<const J: usize> Watch<J> {
         }
     }
 
-    /// Calls `measure` with every pair, in order, that may have a row at `q`, and with the gap above the
-    /// margin \[m\] beyond which it has none; `measure` returns the pair's distance \[m\].
-    pub(super) fn look(
+    /// See [`Watch::look`].
+    fn look(
         &mut self,
         pairs: &[Pair<J>],
         q: &[f64; J],
         reach: &Reach<J>,
         margin: f64,
-        mut measure: impl FnMut(&Pair<J>, f64) -> f64,
+        measure: &mut impl FnMut(&Pair<J>, f64) -> f64,
     ) {
         let far = dot_moved(&self.levers, q, &self.since, &reach.angle) + self.span * reach.turn;
         if self.swept && far < 1.0 {
@@ -114,11 +147,11 @@ impl<const J: usize> Watch<J> {
                 seen.distance - margin - ROUNDING_M - dot_moved(&pair.levers, q, &seen.q, &[0.0; J])
             };
             let mut left = gap(seen);
-            if !(wanted < left * Self::SHARE) {
+            if !(wanted < left * SHARE) {
                 *seen = Seen { q: *q, distance: measure(pair, wanted + ROUNDING_M) };
                 left = gap(seen);
             }
-            if wanted < left * Self::SHARE {
+            if wanted < left * SHARE {
                 let most = self.levers.iter_mut().zip(&pair.levers);
                 most.for_each(|(most, lever)| *most = most.max(lever / left));
                 self.span = self.span.max(pair.span / left);
@@ -159,6 +192,7 @@ mod tests {
         let limits = JointLimits::new(ends.position, ends.velocity, [40.0; 6]).unwrap();
         let mut all = pairs::with_obstacles(&chain, &[Obstacle::plane([0.0; 3], [0.0, 0.0, 1.0]).unwrap()]);
         all.extend(pairs::of_itself(&chain, &limits));
+        all.sort_by_key(Pair::bodies);
         assert!(all.len() > 10 && all.iter().any(|pair| pair.span > 0.0));
         all
     }
@@ -207,7 +241,7 @@ mod tests {
             let (motion, allowed) = motion(&mut rng, speed);
             let needed: Vec<f64> = pairs.iter().map(|pair| wanted(pair, &motion, &allowed)).collect();
             for share in [0.0, 0.99, 1.01, 3.0, 9.0, 11.0, 1000.0] {
-                let mut watch = Watch::new(pairs.len());
+                let mut watch = Watch::new(&pairs);
                 let distances: Vec<f64> = needed.iter().map(|needed| MARGIN_M + share * needed).collect();
                 let first = looked(&mut watch, &pairs, &motion, &allowed, &distances);
                 for (enough, needed) in first.iter().zip(&needed) {
@@ -231,7 +265,7 @@ mod tests {
     fn nothing_comes_near_unseen() {
         let (pairs, mut rng) = (all_pairs(), Pcg64::seed_from_u64(4));
         let base: Vec<f64> = pairs.iter().map(|_| rng.random_range(0.3..3.0)).collect();
-        let mut watch = Watch::new(pairs.len());
+        let mut watch = Watch::new(&pairs);
         let (mut near, mut measured, mut all) = (0, 0, 0);
         let mut q = [0.0; 6];
         for tick in 0..5000 {
@@ -267,7 +301,7 @@ mod tests {
         let moved = [1.0; 6];
         let way = |pair: &Pair<6>| pair.levers.iter().sum::<f64>();
         for extra in [0.0, 1e-3] {
-            let mut watch = Watch::new(pairs.len());
+            let mut watch = Watch::new(&pairs);
             let distances: Vec<f64> = pairs.iter().map(|pair| MARGIN_M + extra + way(pair)).collect();
             looked(&mut watch, &pairs, &motion, &allowed, &distances);
             let there = JointMotion { q: std::array::from_fn(|j| motion.q[j] + moved[j]), ..motion };

@@ -146,7 +146,7 @@ impl<const J: usize> Clearance<J> {
     pub fn damped(mut self, share: f64) -> Self {
         self.rate *= share;
         // A clone's list has no spare capacity.
-        self.watch = Watch::new(self.pairs.len());
+        self.watch = Watch::new(&self.pairs);
         self
     }
 
