@@ -60,8 +60,8 @@ impl<const J: usize> Pair<J> {
         }
     }
 
-    /// The two bodies that it is about: pairs of the same have capsules of the same two links, or of a link and
-    /// one obstacle.
+    /// The two bodies that it is about: pairs of the same have capsules of the same two links, or of a link
+    /// and one obstacle.
     pub(super) const fn bodies(&self) -> [usize; 3] {
         let (kind, other) = match &self.other {
             Other::Plane(_) => (0, self.number),
