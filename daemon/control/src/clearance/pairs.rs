@@ -14,7 +14,7 @@ const TURNED_IN_PLACE: f64 = 0.25;
 /// Postures of one joint at which it is looked whether capsules stay neighbours.
 const TRIED: u32 = 48;
 /// Postures at which two capsules are looked at, at most; beyond, they count as able to meet.
-const LOOKS: u32 = 20_000;
+const LOOKS: u32 = 2_000;
 
 /// What is nearest to what.
 #[derive(Debug, Clone, PartialEq)]
