@@ -15,6 +15,8 @@ const DEEPEST: usize = 64;
 const MOST_ELEMENTS: usize = 20_000;
 /// Attributes at most.
 const MOST_ATTRIBUTES: usize = 100_000;
+/// Longest attribute \[bytes\]: an error may show it.
+const LONGEST_ATTRIBUTE: usize = 1000;
 /// Tags, comments and pieces of text at most: each becomes a node in memory.
 const MOST_NODES: usize = 5 * MOST_ELEMENTS;
 /// `]` in a row at most: the reader counts them in a byte.
@@ -54,7 +56,13 @@ pub(super) fn bounded(text: &str) -> Result<(), ChainError> {
         for event in &mut parser {
             nodes += 1;
             match event {
-                Ok(Event::ElementStart(_)) => (depth, elements) = (depth + 1, elements + 1),
+                Ok(Event::ElementStart(tag)) => {
+                    (depth, elements) = (depth + 1, elements + 1);
+                    let longest = tag.attributes.values().map(String::len).max().unwrap_or_default();
+                    if longest > LONGEST_ATTRIBUTE {
+                        return beyond("bytes in one attribute", longest, LONGEST_ATTRIBUTE);
+                    }
+                }
                 // The reader has no place for an end without a beginning, and stops at the end of the root.
                 Ok(Event::ElementEnd(_)) if depth <= 1 => return Ok(()),
                 Ok(Event::ElementEnd(_)) => depth -= 1,
@@ -109,6 +117,9 @@ mod tests {
         assert!(told(&comments).contains("tags, comments and pieces of text"));
         let attributes: String = (0..150_000).map(|n| format!(" a{n}=''")).collect();
         assert!(told(&format!("<robot{attributes}/>")).contains("150000 attributes"));
+        let long = |bytes| format!("<robot name=\"{}\"/>", "[".repeat(bytes));
+        assert!(told(&long(1001)).contains("1001 bytes in one attribute, 1000 are the most"));
+        assert!(bounded(&long(1000)).is_ok());
         // 256 in a row overflow the reader's count.
         let brackets = format!("<robot><![CDATA[{}]]></robot>", "]".repeat(3_000_000));
         assert!(told(&brackets).contains("closing brackets in a row"));

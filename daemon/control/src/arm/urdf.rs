@@ -13,6 +13,9 @@ use crate::arm::bodies::{Bodies, bodies, places};
 use crate::arm::bounds::bounded;
 use crate::arm::dynamics::{DynamicsError, Inertia, inertias};
 
+/// Names that a message lists at most.
+const MOST_NAMED: usize = 40;
+
 /// Why a robot description cannot be used.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum ChainError {
@@ -318,8 +321,14 @@ fn path_down<'a>(robot: &'a Robot, base: &str) -> Result<Vec<&'a Joint>, ChainEr
     }
 }
 
-fn names<'a>(all: impl Iterator<Item = &'a String>) -> String {
-    all.map(|n| format!("`{n}`")).collect::<Vec<_>>().join(", ")
+/// The first of `all`, for a message, and how many there are beyond.
+fn names<'a>(mut all: impl Iterator<Item = &'a String>) -> String {
+    let named: Vec<String> = all.by_ref().take(MOST_NAMED).map(|n| format!("`{n:.60}`")).collect();
+    let named = named.join(", ");
+    match all.count() {
+        0 => named,
+        more => format!("{named} and {more} more"),
+    }
 }
 
 pub(super) fn origin(joint: &Joint) -> Result<(Matrix3<f64>, Vector3<f64>), ChainError> {
