@@ -2,15 +2,16 @@
 //! faults between them. Every command is checked, the loop recovers from every fault, and the end is as good
 //! as the middle.
 //!
-//! FORETRACE_SOAK_TICKS=N runs at least N ticks of 2 ms instead of 120 000 (four minutes); 10 000 000 are
-//! five and a half hours: `FORETRACE_SOAK_TICKS=10000000 cargo test --release -p foretrace-lab --test lab
-//! soak -- --nocapture`.
+//! FORETRACE_SOAK_TICKS=N runs at least N ticks of 2 ms instead of 120 000 (four minutes). 10 000 000 are five
+//! and a half hours of motion, and take ten minutes:
+//! `FORETRACE_SOAK_TICKS=10000000 cargo test --release -p foretrace-lab --test lab soak -- --nocapture`.
 
 use foretrace_config::Config;
+use foretrace_control::arm::JointMotion;
 use foretrace_control::follower::{
     Budget, Follower, Health, JointReading, Mode, NoClock, Request, Rung, StepInput, StepOutput,
 };
-use foretrace_control::guard::CommandChecker;
+use foretrace_control::guard::{CommandChecker, Commanded, consumer_state};
 use foretrace_control::learn::Learner;
 use foretrace_control::pen::{PenOrigin, PenReading};
 use foretrace_control::predict::{OnlineWeights, PredictorKind};
@@ -89,6 +90,8 @@ struct Desk {
     judge: CommandChecker<JOINTS>,
     arm: ArmModel,
     target: [f64; JOINTS],
+    /// The newest command, and until when it is valid.
+    last: Option<(Commanded<JOINTS>, Stamp)>,
     now: Stamp,
     ticks: u64,
     period_ns: u64,
@@ -114,6 +117,7 @@ impl Desk {
             judge: CommandChecker::new(settings.limits),
             arm: ArmModel::at_rest(ArmSettings::ur5(0.002, 0.03), home),
             target: home,
+            last: None,
             now: Stamp(10_000_000_000),
             ticks: 0,
             period_ns: settings.period_ns,
@@ -157,6 +161,8 @@ impl Desk {
             let legal = self.judge.observe(command.stamp, command.valid_until, &command.q, &command.qd);
             assert!(legal, "tick {}: {:?}", self.ticks, self.judge.statistics().violations);
             self.target = command.q;
+            let motion = JointMotion { q: command.q, qd: command.qd, qdd: [0.0; JOINTS] };
+            self.last = Commanded::new(command.stamp, motion).map(|held| (held, command.valid_until));
             let low_m = output.tool[2];
             // As long as ticks come and no stop is under way, the tip never goes deeper than it may, or was.
             let lost =
@@ -240,7 +246,7 @@ impl Desk {
                 Some(Trouble::SamplesLost) => due.clear(),
                 Some(Trouble::TicksLost) if self.random.random_bool(0.2) => self.lose(40_000_000),
                 Some(Trouble::LongStall) if std::mem::take(&mut stall) => {
-                    self.now = self.now + 400_000_000;
+                    self.pass(400_000_000 / self.period_ns);
                 }
                 _ => {}
             }
@@ -290,7 +296,20 @@ impl Desk {
     /// Up to `most_ns` pass without a tick.
     fn lose(&mut self, most_ns: u64) {
         let lost = self.random.random_range(0..=most_ns / self.period_ns);
-        self.now = self.now + lost * self.period_ns;
+        self.pass(lost);
+    }
+
+    /// The arm goes on as its last command says, without a tick.
+    fn pass(&mut self, ticks: u64) {
+        for _ in 0..ticks {
+            if let Some((command, valid_until)) = &self.last {
+                let deceleration = self.follower.settings().limits.deceleration();
+                let reach = self.now + self.period_ns;
+                self.target = consumer_state(command, *valid_until, deceleration, reach).q;
+            }
+            self.arm.cycle(self.target);
+            self.now = self.now + self.period_ns;
+        }
     }
 
     fn text(&mut self) -> PenPath {

@@ -69,6 +69,8 @@ const STILL_SHARE: f64 = 0.05;
 /// That is a fault where it moves by less than this share of what the slowest possible arm would, because a
 /// servo filter takes short strokes away.
 const SLOWEST_SHARE: f64 = 0.5;
+/// less what an encoder that counts coarsely may hide \[rad\].
+const HIDDEN_RAD: f64 = 5e-4;
 /// A joint outside its commands by this share of the tolerance and moving away is leaving.
 const LEAVING: f64 = 0.5;
 /// Swings outside the commands count from the first share of the tolerance, and are reported from the second.
@@ -462,7 +464,8 @@ impl<const J: usize> Monitor<J> {
         let pairs = asked.iter().zip(&done).enumerate();
         let still = pairs.filter(|(joint, (asked, done))| {
             let stands = **asked > limit && **done < STILL_SHARE * **asked;
-            stands && **done < SLOWEST_SHARE * slowest::moved(&self.commands, *joint, self.lag_s, begin)
+            let slowest = || slowest::moved(&self.commands, *joint, self.lag_s, begin);
+            stands && **done < SLOWEST_SHARE * slowest() - HIDDEN_RAD
         });
         let count = still.clone().count();
         let (joint, (asked, _)) = still.max_by(|a, b| a.1.0.total_cmp(b.1.0))?;
