@@ -184,7 +184,9 @@ fn ended(status: &Status) -> Result<WayHome, Failure> {
         Ok(Mode::Stopped | Mode::Fault) => {
             let fault = FaultReason::try_from(status.fault).unwrap_or(FaultReason::Internal);
             let remedy = match fault {
-                FaultReason::None | FaultReason::Requested => "`foretrace move home` goes on from there",
+                FaultReason::None | FaultReason::Requested => {
+                    "`foretrace move home` goes on from there".to_owned()
+                }
                 other => stopped::remedy(other),
             };
             let why = stopped::reason(fault, &status.stop);

@@ -6,6 +6,7 @@ use std::os::fd::AsRawFd;
 use std::os::unix::net::UnixStream;
 use std::os::unix::process::CommandExt;
 use std::process::Command;
+use std::time::Duration;
 
 /// Sleeps until CLOCK_MONOTONIC reaches `instant_ns`; a signal ends the sleep early.
 pub(crate) fn sleep_until(instant_ns: u64) {
@@ -16,6 +17,23 @@ pub(crate) fn sleep_until(instant_ns: u64) {
     // SAFETY: `until` is a valid timespec that outlives the call; no remaining time is asked for.
     unsafe {
         libc::clock_nanosleep(libc::CLOCK_MONOTONIC, libc::TIMER_ABSTIME, &until, std::ptr::null_mut());
+    }
+}
+
+/// Lets the kernel end this process (SIGXCPU) once a real-time thread of it has computed for `longest`
+/// without a pause (RLIMIT_RTTIME; a lower limit stays).
+pub(crate) fn limit_spin(longest: Duration) -> io::Result<()> {
+    let mut limit = libc::rlimit { rlim_cur: 0, rlim_max: 0 };
+    // SAFETY: `limit` is valid for writing.
+    if unsafe { libc::getrlimit(libc::RLIMIT_RTTIME, &raw mut limit) } != 0 {
+        return Err(io::Error::last_os_error());
+    }
+    let micros = libc::rlim_t::try_from(longest.as_micros()).unwrap_or(libc::rlim_t::MAX);
+    limit.rlim_cur = limit.rlim_cur.min(micros);
+    // SAFETY: `limit` is valid for reading.
+    match unsafe { libc::setrlimit(libc::RLIMIT_RTTIME, &raw const limit) } {
+        0 => Ok(()),
+        _ => Err(io::Error::last_os_error()),
     }
 }
 

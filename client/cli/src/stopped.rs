@@ -2,6 +2,9 @@
 
 use foretrace_client::{FaultReason, StopDetail};
 
+/// From this share of time in which some program waited for a CPU the machine is called busy \[%\].
+const BUSY_PERCENT: f64 = 20.0;
+
 /// Reason and evidence, one line without a full stop: `tracking error: joint 3 is 0.213 rad from ...`.
 pub(crate) fn reason(fault: FaultReason, detail: &StopDetail) -> String {
     let name = match fault {
@@ -12,8 +15,42 @@ pub(crate) fn reason(fault: FaultReason, detail: &StopDetail) -> String {
     if evidence.is_empty() { name.to_owned() } else { format!("{name}: {evidence}") }
 }
 
-/// What to do about it, and the settings that bound it.
-pub(crate) const fn remedy(fault: FaultReason) -> &'static str {
+/// What to do about it, and the settings that bound it; of what comes from a lack of CPU, how busy this
+/// machine is.
+pub(crate) fn remedy(fault: FaultReason) -> String {
+    let waited = match fault {
+        FaultReason::JointStateStale | FaultReason::TimeLost | FaultReason::Overruns => waited_percent(),
+        _ => None,
+    };
+    match waited.filter(|waited| *waited >= BUSY_PERCENT) {
+        Some(waited) => format!(
+            "{}. This machine is busy: programs waited for a CPU {waited:.0} % of the last 10 s",
+            what_to_do(fault)
+        ),
+        None => what_to_do(fault).to_owned(),
+    }
+}
+
+/// Share of the last 10 s in which some program waited for a CPU \[%\], where the kernel tells it.
+fn waited_percent() -> Option<f64> {
+    some_waited(&std::fs::read_to_string("/proc/pressure/cpu").ok()?)
+}
+
+/// Of a file of pressure stall information (`Documentation/accounting/psi.rst` of Linux).
+fn some_waited(text: &str) -> Option<f64> {
+    let words = text.lines().find_map(|line| line.strip_prefix("some "))?;
+    words.split_whitespace().find_map(|word| word.strip_prefix("avg10=")?.parse().ok())
+}
+
+/// How long an arm's process got no CPU, in words.
+pub(crate) fn starved(ns: u64) -> String {
+    format!("{STARVED} {:.0} ms", ns as f64 * 1e-6)
+}
+
+/// How these words begin.
+pub(crate) const STARVED: &str = "this machine was too busy for the simulated arm for";
+
+const fn what_to_do(fault: FaultReason) -> &'static str {
     match fault {
         FaultReason::None | FaultReason::Requested => {
             "an operator requested it: `foretrace request arm` goes on"
@@ -74,7 +111,7 @@ mod tests {
         let settings = foretrace_config::Config::preset("ur5").unwrap().render();
         let mut named = 0;
         for fault in FaultReason::ALL {
-            for word in remedy(*fault).split(|c: char| !(c.is_alphanumeric() || "._".contains(c))) {
+            for word in what_to_do(*fault).split(|c: char| !(c.is_alphanumeric() || "._".contains(c))) {
                 let Some((section, key)) = word.rsplit_once('.').filter(|(_, key)| !key.is_empty()) else {
                     continue;
                 };
@@ -92,6 +129,16 @@ mod tests {
             }
         }
         assert!(named >= 8, "only {named} keys were found");
+    }
+
+    #[test]
+    fn the_kernel_says_how_busy_a_machine_is() {
+        let text = "some avg10=50.22 avg60=66.58 avg300=81.49 total=18626363271\nfull avg10=0.00 avg60=0.00 \
+                    avg300=0.00 total=0\n";
+        assert_eq!(some_waited(text), Some(50.22));
+        for other in ["", "some", "full avg10=3.00", "some avg10=x avg60=1"] {
+            assert_eq!(some_waited(other), None, "{other}");
+        }
     }
 
     #[test]

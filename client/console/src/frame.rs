@@ -21,6 +21,9 @@ const POINTS: usize = 40;
 /// Comparisons with the ghost that a frame carries.
 const ERRORS: usize = 20;
 
+/// What to do about a stop, in words.
+pub(crate) type Remedy = dyn Fn(FaultReason) -> String + Send + Sync;
+
 /// What frames are made of.
 pub(crate) struct Frames {
     config: Config,
@@ -81,12 +84,7 @@ impl Frames {
     }
 
     /// The frame of this moment.
-    pub(crate) fn frame(
-        &self,
-        status: Option<&Status>,
-        here: &Here,
-        remedy: fn(FaultReason) -> &'static str,
-    ) -> Value {
+    pub(crate) fn frame(&self, status: Option<&Status>, here: &Here, remedy: &Remedy) -> Value {
         let chain = &self.config.robot().chain;
         let arm = self.newest.map(|record| {
             json!({
@@ -151,7 +149,7 @@ fn micro(value: f64) -> Option<f64> {
     (value >= 0.0).then_some((value * 1e6).round())
 }
 
-fn state(status: &Status, remedy: fn(FaultReason) -> &'static str) -> Value {
+fn state(status: &Status, remedy: &Remedy) -> Value {
     let mode = Mode::try_from(status.mode).ok();
     let fault = FaultReason::try_from(status.fault).unwrap_or(FaultReason::Internal);
     let stopped = matches!(mode, Some(Mode::Stopped | Mode::Fault));

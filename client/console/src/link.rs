@@ -15,7 +15,7 @@ use foretrace_client::{
 use foretrace_config::Config;
 
 use crate::board::{Board, Order, Reply, What, now_ns};
-use crate::frame::{Frames, Here};
+use crate::frame::{Frames, Here, Remedy};
 use crate::hand::Hand;
 use crate::orders::Asks;
 use crate::scene::scene;
@@ -79,7 +79,7 @@ pub struct Link {
     /// The path of a text, by the built-in writer.
     pub writer: Writer,
     /// What to do about a stop.
-    pub remedy: fn(FaultReason) -> &'static str,
+    pub remedy: Box<Remedy>,
     /// For the record button.
     pub recordings: Box<dyn Records>,
 }
@@ -276,7 +276,7 @@ impl Running {
             recording: self.link.recordings.shown(),
         };
         let status = self.status.latest().copied();
-        let frame = self.frames.frame(status.as_ref(), &here, self.link.remedy);
+        let frame = self.frames.frame(status.as_ref(), &here, &*self.link.remedy);
         hand.board.show(frame.to_string().into());
     }
 }

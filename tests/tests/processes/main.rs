@@ -20,6 +20,7 @@ mod relay;
 mod security;
 mod snippets;
 mod snippets_shell;
+mod spinning;
 mod syscalls;
 mod train;
 mod ur_settings;

@@ -72,6 +72,10 @@ pub(super) struct ArmReport {
     pub(super) cycles: u64,
     /// Cycles that the machine missed and that were made up for.
     pub(super) late_cycles: u64,
+    /// Longest time in which this process got no CPU [ms].
+    pub(super) starved_ms: f64,
+    /// Why it had no real-time priority; none where it had.
+    pub(super) not_real_time: Option<String>,
     pub(super) daemons: u64,
     /// From a target to its motion at low frequency, without jitter, when the run began and when it ended
     /// [ms]; none where speed scaling is 0.
@@ -113,7 +117,13 @@ impl DelaySeen {
 /// The report for people.
 pub(super) fn summary(report: &SimReport) {
     let SimReport { commands, arm, envelope } = report;
-    say!("cycles      {} at {} Hz, {} made up for", arm.cycles, arm.rate_hz, arm.late_cycles);
+    say!(
+        "cycles      {} at {} Hz, {} made up for, {:.1} ms late at most",
+        arm.cycles,
+        arm.rate_hz,
+        arm.late_cycles,
+        arm.starved_ms
+    );
     say!(
         "commands    {} received, {} taken, {} refused, {} lost on the way",
         commands.count,

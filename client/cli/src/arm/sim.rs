@@ -25,7 +25,9 @@ use crate::failure::{Cause, Failure};
 use crate::interrupt::Interrupt;
 use crate::os;
 use crate::output::{JsonArgs, note};
+use crate::punctual;
 use crate::settings::SettingsArgs;
+use crate::stopped::starved;
 
 /// Simulate a UR5 behind its controller: receive joint commands, move like the arm, report joint states
 ///
@@ -66,6 +68,14 @@ pub(crate) struct SimArgs {
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
 
+    /// Ask for no real-time priority
+    #[arg(long)]
+    no_rights: bool,
+
+    /// Compute without a pause from this many seconds on, as a broken arm's process might
+    #[arg(long, value_name = "S", hide = true, value_parser = crate::values::lasting)]
+    spin_after: Option<f64>,
+
     #[command(flatten)]
     settings: SettingsArgs,
 
@@ -77,7 +87,7 @@ pub(crate) fn run(args: &SimArgs) -> Result<(), Failure> {
     args.json.claim()?;
     let interrupt = Interrupt::listen()?;
     let config = args.settings.load()?;
-    let robot = config.robot();
+    let (robot, settings) = (config.robot(), config.settings());
     let rate_hz = args.rate.unwrap_or(config.settings().robot.controller_rate_hz);
     let cycle_s = 1.0 / f64::from(rate_hz);
     let from = args.from.as_deref().map_or(Ok(robot.home), |from| standing(from, &robot.limits))?;
@@ -107,12 +117,20 @@ pub(crate) fn run(args: &SimArgs) -> Result<(), Failure> {
         teller: Teller::default(),
         cycles: 0,
         late_cycles: 0,
+        starved_ns: 0,
+        told_from_ns: (settings.safety.joint_state_timeout_ms * 1e6) as u64,
     };
-    sim.run(args.seconds, &interrupt);
+    // Last, so that nothing that reads files has it; below the daemon's loop, whose commands it takes.
+    let missing = if args.no_rights {
+        Some("--no-rights".to_owned())
+    } else {
+        punctual::ask("arm", punctual::below_the_loop(settings))
+    };
+    sim.run(args.seconds, args.spin_after, &interrupt);
     if let Some(record) = sim.record.take() {
         record.finish()?;
     }
-    let report = sim.report(f64::from(rate_hz));
+    let report = sim.report(f64::from(rate_hz), missing);
     summary(&report);
     args.json.write(&report)
 }
@@ -144,16 +162,27 @@ struct Simulation {
     teller: Teller,
     cycles: u64,
     late_cycles: u64,
+    /// Longest time without a cycle \[ns\], and that which the daemon takes for an arm that is gone.
+    starved_ns: u64,
+    told_from_ns: u64,
 }
 
 impl Simulation {
-    fn run(&mut self, seconds: Option<f64>, interrupt: &Interrupt) {
+    fn run(&mut self, seconds: Option<f64>, spin_after: Option<f64>, interrupt: &Interrupt) {
         let begin = monotonic_now_ns();
-        let end = seconds.map_or(u64::MAX, |s| begin.saturating_add((s.max(0.0) * 1e9) as u64));
+        let after = |s: f64| begin.saturating_add((s.max(0.0) * 1e9) as u64);
+        let (end, spins) = (seconds.map_or(u64::MAX, after), spin_after.map_or(u64::MAX, after));
         let mut due = begin + self.cycle_ns;
         while due < end && !interrupt.is_set() {
             os::sleep_until(due);
             let now = monotonic_now_ns();
+            if now >= spins {
+                note!("arm: computes without a pause from now on");
+                while !interrupt.is_set() {
+                    std::hint::spin_loop();
+                }
+            }
+            self.late(now.saturating_sub(due));
             self.receive(Stamp(due));
             let mut made = 0;
             while due <= now {
@@ -163,6 +192,14 @@ impl Simulation {
             }
             self.late_cycles += u64::saturating_sub(made, 1);
             self.daemon.look();
+        }
+    }
+
+    /// Tells a pause of `ns` that the daemon takes for an arm that is gone.
+    fn late(&mut self, ns: u64) {
+        self.starved_ns = self.starved_ns.max(ns);
+        if ns >= self.told_from_ns {
+            note!("arm: {}", starved(ns));
         }
     }
 
@@ -218,7 +255,7 @@ impl Simulation {
         self.intake.refused().with(count, newest)
     }
 
-    fn report(&self, rate_hz: f64) -> SimReport {
+    fn report(&self, rate_hz: f64, not_real_time: Option<String>) -> SimReport {
         let lag_ms_at =
             |t_s| Some(1e3 * self.model.settings().group_delay_at(t_s)).filter(|ms| ms.is_finite());
         SimReport {
@@ -232,6 +269,8 @@ impl Simulation {
                 rate_hz,
                 cycles: self.cycles,
                 late_cycles: self.late_cycles,
+                starved_ms: self.starved_ns as f64 * 1e-6,
+                not_real_time,
                 daemons: self.daemon.count,
                 lag_ms: lag_ms_at(0.0),
                 lag_at_end_ms: lag_ms_at(self.cycles as f64 * self.cycle_ns as f64 * 1e-9),

@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use foretrace_client::{Commands, StatusReader, arm_flags, monotonic_now_ns};
-use foretrace_config::{Config, Settings};
+use foretrace_config::Config;
 use foretrace_ur::bridge::check::{self, Series};
 use foretrace_ur::bridge::kinematics::Deviation;
 use foretrace_ur::bridge::link::{Inspect, Link, LinkReport, Measured};
@@ -33,9 +33,6 @@ use crate::output::{JsonArgs, note, say};
 use crate::punctual;
 use crate::robot::{self, HostArgs};
 use crate::settings::{SettingsArgs, judged as loaded};
-
-/// How far its priority is below that of the daemon's loop.
-const BELOW_THE_LOOP: u32 = 10;
 
 /// Drive a Universal Robots arm: joint commands to its controller, its joints back
 ///
@@ -118,11 +115,6 @@ struct RobotReport {
     not_real_time: Option<String>,
 }
 
-/// SCHED_FIFO priority of the bridge: below that of the loop, whose commands it sends.
-pub(crate) fn priority(settings: &Settings) -> u32 {
-    settings.control_loop.priority.saturating_sub(BELOW_THE_LOOP).max(1)
-}
-
 pub(crate) fn run(args: &UrArgs) -> Result<(), Failure> {
     args.json.claim()?;
     let interrupt = Interrupt::listen()?;
@@ -160,7 +152,7 @@ pub(crate) fn run(args: &UrArgs) -> Result<(), Failure> {
         not_sent: 0,
     };
     // Last, so that no thread that may wait inherits it; below the daemon's loop, whose commands it sends.
-    let priority = priority(settings);
+    let priority = punctual::below_the_loop(settings);
     let missing =
         if args.no_rights { Some("--no-rights".to_owned()) } else { punctual::ask("arm", priority) };
     bridge.run(args.seconds, &interrupt);

@@ -279,7 +279,8 @@ impl Stage {
             let fault = FaultReason::try_from(status.fault).unwrap_or(FaultReason::Internal);
             (stopped::reason(fault, &status.stop), stopped::remedy(fault))
         });
-        let (reason, remedy) = told.unwrap_or_else(|| ("unknown".to_owned(), "see `foretrace status`"));
+        let (reason, remedy) =
+            told.unwrap_or_else(|| ("unknown".to_owned(), "see `foretrace status`".to_owned()));
         Failure::failed(
             format_args!("the daemon stopped following in mid-motion (mode {mode}, {reason})"),
             remedy,

@@ -10,14 +10,14 @@ mod recordings;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use foretrace_client::{Foretrace, Instance, RequestError};
+use foretrace_client::{FaultReason, Foretrace, Instance, RequestError};
 use foretrace_config::Settings;
 use foretrace_console::{Console, Link};
 use foretraced::{Base, Source};
 
 use self::recordings::Recordings;
 use crate::attach::{attach_within, instance_of, unattached};
-use crate::demo::children::Child;
+use crate::demo::children::{Child, LastWords};
 use crate::demo::scratch::{Leftovers, Scratch};
 use crate::failure::Failure;
 use crate::interrupt::Interrupt;
@@ -25,7 +25,7 @@ use crate::output::{JsonArgs, note, say};
 use crate::play::source::{self, PathArgs};
 use crate::request::{may_pass, refused};
 use crate::settings::{SettingsArgs, judged};
-use crate::stopped;
+use crate::stopped::{self, STARVED};
 
 /// A busy machine takes seconds to start two processes.
 const STARTING: Duration = Duration::from_secs(30);
@@ -110,12 +110,13 @@ pub(crate) fn run(args: &ConsoleArgs) -> Result<(), Failure> {
         }
     };
     let settings = config.settings().clone();
+    let arm = crew.last().map(Child::words);
     let recordings = Recordings::new(args.recordings.as_deref(), args.max_size, &instance, &config);
     let link = Link {
         instance,
         config,
         writer: Box::new(move |text| written(text, &settings)),
-        remedy: stopped::remedy,
+        remedy: Box::new(move |fault| remedy(fault, arm.as_ref())),
         recordings: Box::new(recordings),
     };
     say!("open {}", console.address());
@@ -192,6 +193,15 @@ fn simulated(source: &Source, instance: &Instance, interrupt: &Interrupt) -> Res
             Err(error) if may_wait(&error) => std::thread::sleep(STRIDE),
             Err(error) => return Err(refused(&error)),
         }
+    }
+}
+
+/// What to do about a stop; of the simulated arm's, whether the machine was too busy for it.
+fn remedy(fault: FaultReason, arm: Option<&LastWords>) -> String {
+    let starved = arm.filter(|_| fault == FaultReason::JointStateStale).and_then(|arm| arm.find(STARVED));
+    match starved {
+        Some(starved) => format!("{starved}: arm again"),
+        None => stopped::remedy(fault),
     }
 }
 

@@ -7,7 +7,7 @@
 use std::collections::VecDeque;
 use std::io::{BufRead, BufReader};
 use std::process::{Command, ExitStatus, Stdio};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -17,13 +17,28 @@ use crate::os;
 const GRACE: Duration = Duration::from_secs(5);
 const TAIL_LINES: usize = 20;
 
+/// The last lines of a process on stderr.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct LastWords(Arc<Mutex<VecDeque<String>>>);
+
+impl LastWords {
+    fn lines(&self) -> MutexGuard<'_, VecDeque<String>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The newest line with `part`, from there on.
+    pub(crate) fn find(&self, part: &str) -> Option<String> {
+        self.lines().iter().rev().find_map(|line| Some(line.get(line.find(part)?..)?.to_owned()))
+    }
+}
+
 /// One process of the demo.
 #[derive(Debug)]
 pub(crate) struct Child {
     name: &'static str,
     process: std::process::Child,
     status: Option<ExitStatus>,
-    tail: Arc<Mutex<VecDeque<String>>>,
+    tail: LastWords,
     reader: Option<JoinHandle<()>>,
 }
 
@@ -36,12 +51,12 @@ impl Child {
         let mut command = Command::new(program);
         command.args(arguments).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped());
         let mut process = os::tie_to_parent(&mut command).spawn().map_err(cannot)?;
-        let tail = Arc::new(Mutex::new(VecDeque::new()));
+        let tail = LastWords::default();
         let reader = process.stderr.take().map(|stderr| {
             let tail = tail.clone();
             std::thread::spawn(move || {
                 for line in BufReader::new(stderr).split(b'\n').map_while(Result::ok) {
-                    let mut tail = tail.lock().unwrap_or_else(PoisonError::into_inner);
+                    let mut tail = tail.lines();
                     if tail.len() >= TAIL_LINES {
                         tail.pop_front();
                     }
@@ -50,6 +65,11 @@ impl Child {
             })
         });
         Ok(Self { name, process, status: None, tail, reader })
+    }
+
+    /// What it says on stderr, also later.
+    pub(crate) fn words(&self) -> LastWords {
+        self.tail.clone()
     }
 
     /// Fails with the child's last words if it has ended, in whatever way.
@@ -87,7 +107,7 @@ impl Child {
         {
             let _ = reader.join();
         }
-        self.tail.lock().unwrap_or_else(PoisonError::into_inner).iter().cloned().collect()
+        self.tail.lines().iter().cloned().collect()
     }
 
     fn died(&mut self, status: ExitStatus) -> Failure {

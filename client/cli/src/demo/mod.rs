@@ -245,13 +245,13 @@ fn evidence_of(
             ur::echo(&mut crew, config, args.no_rights, &file("echo.json"))?;
             let mut arm = words(&["arm", "ur", "--robot", &robot]);
             arm.extend(option("--rate", source.rate_hz));
-            if args.no_rights {
-                arm.push("--no-rights".to_owned());
-            }
             arm
         }
         _ => words(&["arm", "sim"]),
     };
+    if args.no_rights {
+        arm.push("--no-rights".to_owned());
+    }
     arm.extend(words(&["--record", &file("arm.csv"), "--json", &file("arm.json")]));
     arm.extend(option("--rate", args.arm_rate));
     arm.extend(args.arm.arguments());

@@ -68,7 +68,11 @@ fn head(page: &mut String, figures: &Figures, findings: &[Finding]) {
         setting.seconds,
         escaped(setting.predictor),
         escaped(&setting.settings),
-        if setting.optimised_build { "" } else { "; a build for debugging, slower than the real one" }
+        if setting.optimised_build {
+            ""
+        } else {
+            "; built for a quick start, half as fast as the released program"
+        }
     );
     if findings.is_empty() {
         page.push_str(

@@ -60,7 +60,7 @@ pub(super) fn echo(crew: &mut Crew, config: &Config, no_rights: bool, report: &s
     };
     let [controller, bridge] = ECHO;
     end(controller, "controller", crate::ur_sim::PRIORITY, &["--json", report])?;
-    end(bridge, "bridge", crate::arm::ur::priority(config.settings()), &[])
+    end(bridge, "bridge", crate::punctual::below_the_loop(config.settings()), &[])
 }
 
 /// Ends both, the one that reports first.

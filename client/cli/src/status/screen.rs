@@ -156,7 +156,7 @@ fn mode_and_way(status: &Status) -> String {
 /// What the operator can do now.
 fn to_do(status: &Status, mode: Option<Mode>, fault: FaultReason) -> String {
     match mode {
-        Some(Mode::Stopped | Mode::Fault) => stopped::remedy(fault).to_owned(),
+        Some(Mode::Stopped | Mode::Fault) => stopped::remedy(fault),
         Some(Mode::Idle) if status.joint_state_age_ns == u64::MAX => {
             "start the arm's program (`foretrace arm sim`), then `foretrace request arm`".to_owned()
         }

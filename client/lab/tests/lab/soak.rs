@@ -2,8 +2,8 @@
 //! faults between them. Every command is checked, the loop recovers from every fault, and the end is as good
 //! as the middle.
 //!
-//! FORETRACE_SOAK_TICKS=N runs at least N ticks of 2 ms instead of 120 000 (four minutes). 10 000 000 are five
-//! and a half hours of motion, and take ten minutes:
+//! FORETRACE_SOAK_TICKS=N runs at least N ticks of 2 ms instead of 120 000 (four minutes). 10 000 000 are
+//! five and a half hours of motion, and take ten minutes:
 //! `FORETRACE_SOAK_TICKS=10000000 cargo test --release -p foretrace-lab --test lab soak -- --nocapture`.
 
 use foretrace_config::Config;

@@ -1,0 +1,63 @@
+//! A simulated arm with real-time priority that computes without a pause.
+
+use std::time::{Duration, Instant};
+
+use foretrace_tests::{Process, World, skipped, told, until};
+
+use crate::PROGRAM;
+
+/// How much later a stop may come beside it, in the median.
+const LATER: Duration = Duration::from_millis(50);
+/// The kernel ends it after 200 ms of this; stops that began so long before count.
+const SPINS: Duration = Duration::from_millis(180);
+
+/// Whether the main thread of a process is under SCHED_FIFO: field 41 of /proc/PID/stat (proc(5)).
+fn is_fifo(process: &Process) -> bool {
+    let stat = std::fs::read_to_string(format!("/proc/{}/stat", process.pid())).unwrap_or_default();
+    let after_name = stat.rsplit_once(')').map_or("", |(_, rest)| rest);
+    after_name.split_whitespace().nth(38) == Some("1")
+}
+
+/// Asks for a stop; when it began, and how long that took.
+fn stop(world: &World) -> (Instant, Duration) {
+    let begin = Instant::now();
+    let asked = world.run(0, &["request", "stop"]);
+    assert!(asked.status.success(), "{}", told(&asked));
+    (begin, begin.elapsed())
+}
+
+fn median(mut times: Vec<Duration>) -> Duration {
+    times.sort();
+    times[times.len() / 2]
+}
+
+#[test]
+fn an_arm_that_spins_keeps_no_stop_away_and_is_ended() {
+    let world = World::with_rights_kept(PROGRAM);
+    let daemon = world.start(0, &["daemon"]);
+    until("the daemon comes up", || world.run(0, &["status"]).status.success().then_some(()));
+    let mut arm = world.start(0, &["arm", "sim", "--spin-after", "2"]);
+    world.arm(0, &mut arm);
+    if !is_fifo(&arm) {
+        skipped("no real-time priority for the simulated arm");
+        return;
+    }
+    let mut stops = vec![];
+    let ended = until("the kernel ends it", || {
+        stops.push(stop(&world));
+        arm.ended()
+    });
+    let at = Instant::now();
+    // SIGXCPU.
+    assert_eq!(std::os::unix::process::ExitStatusExt::signal(&ended.0), Some(24), "{ended:?}");
+    assert!(ended.1.contains("computes without a pause"), "{}", ended.1);
+    let last = stops.pop().expect("several");
+    let (beside, before): (Vec<_>, Vec<_>) =
+        stops.into_iter().partition(|(begin, _)| at - *begin < SPINS + last.1);
+    let [beside, before] =
+        [beside, before].map(|stops| stops.into_iter().map(|(_, took)| took).collect::<Vec<_>>());
+    assert!(!beside.is_empty() && before.len() > 5, "{beside:?} {before:?}");
+    let (beside, before) = (median(beside), median(before));
+    assert!(beside <= before + LATER, "{beside:?} beside an arm that spins, {before:?} before");
+    drop(daemon);
+}
