@@ -9,8 +9,8 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::time::{Duration, Instant};
 
 use foretrace_client::{
-    Attachment, FaultReason, Foretrace, Instance, PenReading, PenSample, Place, ServiceError, StatusReader,
-    Telemetry, pen_flags,
+    Attachment, Foretrace, Instance, PenReading, PenSample, Place, ServiceError, StatusReader, Telemetry,
+    pen_flags,
 };
 use foretrace_config::Config;
 
