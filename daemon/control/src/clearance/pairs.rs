@@ -1,5 +1,7 @@
 //! Which pairs of shapes can come near each other, and how fast at most.
 
+use std::cmp::Ordering;
+use std::collections::BinaryHeap;
 use std::f64::consts::PI;
 
 use crate::arm::chain::{Chain, Kinematics};
@@ -14,7 +16,7 @@ const TURNED_IN_PLACE: f64 = 0.25;
 /// Postures of one joint at which it is looked whether capsules stay neighbours.
 const TRIED: u32 = 48;
 /// Postures at which two capsules are looked at, at most; beyond, they count as able to meet.
-const LOOKS: u32 = 2_000;
+const LOOKS: u32 = 20_000;
 
 /// What is nearest to what.
 #[derive(Debug, Clone, PartialEq)]
@@ -214,9 +216,9 @@ fn range<const J: usize>(limits: &JointLimits<J>, joint: usize) -> [f64; 2] {
     [if low.is_finite() { low } else { -PI }, (high - low).min(2.0 * PI)]
 }
 
-/// Whether two capsules with two joints between them come within [`NEAR_M`] in some posture. Ranges of the
-/// two joints are halved until the distance in the middle of each shows, by the levers, that it keeps apart
-/// everywhere in it.
+/// Whether two capsules with two joints between them come within [`NEAR_M`] in some posture; if not, they stay
+/// farther apart than half of that. Ranges of the two joints are halved until the distance in the middle of
+/// each shows, by the levers, that it keeps apart everywhere in it; what may come nearest is looked at first.
 fn can_meet<const J: usize>(
     chain: &Chain<J>,
     limits: &JointLimits<J>,
@@ -225,32 +227,64 @@ fn can_meet<const J: usize>(
 ) -> bool {
     let joints = [first.link, first.link + 1];
     let lever = joints.map(|joint| levers.get(joint).copied().unwrap_or_default());
+    let mut q = [0.0; J];
+    let mut look = |ranges: [[f64; 2]; 2]| {
+        let middles = ranges.map(|[middle, _]| middle);
+        q.iter_mut().skip(first.link).zip(middles).for_each(|(q, middle)| *q = middle);
+        let placed = chain.forward(&q);
+        let found = segment_segment(&placed.axis(first), &placed.axis(second));
+        let apart = found.distance - first.radius - second.radius;
+        let [inner_m, outer_m] = [lever[0] * ranges[0][1], lever[1] * ranges[1][1]];
+        let nearest = apart - inner_m - outer_m;
+        (apart, Open { nearest, ranges, inner: inner_m > outer_m })
+    };
     // Middle and half of each joint's range.
     let whole = joints.map(|joint| {
         let [low, turn] = range(limits, joint);
         [low + 0.5 * turn, 0.5 * turn]
     });
-    let mut open = vec![whole];
-    let mut q = [0.0; J];
-    for _ in 0..LOOKS {
-        let Some([inner, outer]) = open.pop() else { return false };
-        q.iter_mut().skip(first.link).zip([inner, outer]).for_each(|(q, [middle, _])| *q = middle);
-        let placed = chain.forward(&q);
-        let found = segment_segment(&placed.axis(first), &placed.axis(second));
-        let apart = found.distance - first.radius - second.radius;
-        if !(apart > NEAR_M) {
-            return true;
-        }
-        let [inner_m, outer_m] = [lever[0] * inner[1], lever[1] * outer[1]];
-        if apart - NEAR_M > inner_m + outer_m {
-            continue;
-        }
+    let mut open = BinaryHeap::from([look(whole).1]);
+    for _ in 0..LOOKS / 2 {
+        let Some(Open { ranges: [inner, outer], inner: halve_inner, .. }) = open.pop() else { return false };
         let halves = |[middle, half]: [f64; 2]| [-0.5, 0.5].map(|side| [middle + side * half, 0.5 * half]);
-        if inner_m > outer_m {
-            open.extend(halves(inner).map(|inner| [inner, outer]));
+        let parts = if halve_inner {
+            halves(inner).map(|inner| [inner, outer])
         } else {
-            open.extend(halves(outer).map(|outer| [inner, outer]));
+            halves(outer).map(|outer| [inner, outer])
+        };
+        for part in parts {
+            let (apart, part) = look(part);
+            if !(apart > NEAR_M) {
+                return true;
+            }
+            if !(part.nearest > 0.5 * NEAR_M) {
+                open.push(part);
+            }
         }
     }
     true
+}
+
+/// Ranges of two joints in which capsules may meet; that in which they may come nearest is the greatest.
+#[derive(Debug, PartialEq)]
+struct Open {
+    /// The least that they can be apart \[m\].
+    nearest: f64,
+    ranges: [[f64; 2]; 2],
+    /// The inner joint is to be halved next.
+    inner: bool,
+}
+
+impl Eq for Open {}
+
+impl Ord for Open {
+    fn cmp(&self, other: &Self) -> Ordering {
+        other.nearest.total_cmp(&self.nearest)
+    }
+}
+
+impl PartialOrd for Open {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
 }
