@@ -216,9 +216,10 @@ fn range<const J: usize>(limits: &JointLimits<J>, joint: usize) -> [f64; 2] {
     [if low.is_finite() { low } else { -PI }, (high - low).min(2.0 * PI)]
 }
 
-/// Whether two capsules with two joints between them come within [`NEAR_M`] in some posture; if not, they stay
-/// farther apart than half of that. Ranges of the two joints are halved until the distance in the middle of
-/// each shows, by the levers, that it keeps apart everywhere in it; what may come nearest is looked at first.
+/// Whether two capsules with two joints between them come within [`NEAR_M`] in some posture; if not, they
+/// stay farther apart than half of that. Ranges of the two joints are halved until the distance in the middle
+/// of each shows, by the levers, that it keeps apart everywhere in it; what may come nearest is looked at
+/// first.
 fn can_meet<const J: usize>(
     chain: &Chain<J>,
     limits: &JointLimits<J>,
