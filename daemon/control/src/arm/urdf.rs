@@ -13,8 +13,11 @@ use crate::arm::bodies::{Bodies, bodies, places};
 use crate::arm::bounds::bounded;
 use crate::arm::dynamics::{DynamicsError, Inertia, inertias};
 
-/// Names that a message lists at most.
+/// Names that a message lists at most, and characters of each.
 const MOST_NAMED: usize = 40;
+const LONGEST_NAME: usize = 60;
+/// Characters of the reader's own message at most: it may quote the file.
+const LONGEST_REASON: usize = 400;
 
 /// Why a robot description cannot be used.
 #[derive(Debug, Clone, PartialEq, Error)]
@@ -251,8 +254,10 @@ pub fn description(text: &str) -> Result<Robot, ChainError> {
     if xacro(text) {
         return Err(ChainError::Xacro);
     }
-    let robot =
-        urdf_rs::read_from_string(text).map_err(|e| ChainError::Malformed { reason: e.to_string() })?;
+    let robot = urdf_rs::read_from_string(text).map_err(|error| {
+        let reason = error.to_string().chars().take(LONGEST_REASON).collect();
+        ChainError::Malformed { reason }
+    })?;
     if robot.links.is_empty() {
         return Err(ChainError::Empty);
     }
@@ -323,7 +328,7 @@ fn path_down<'a>(robot: &'a Robot, base: &str) -> Result<Vec<&'a Joint>, ChainEr
 
 /// The first of `all`, for a message, and how many there are beyond.
 fn names<'a>(mut all: impl Iterator<Item = &'a String>) -> String {
-    let named: Vec<String> = all.by_ref().take(MOST_NAMED).map(|n| format!("`{n:.60}`")).collect();
+    let named: Vec<String> = all.by_ref().take(MOST_NAMED).map(|n| format!("`{n:.LONGEST_NAME$}`")).collect();
     let named = named.join(", ");
     match all.count() {
         0 => named,
@@ -403,4 +408,20 @@ fn segment(
 
 fn limit_error(joint: &Joint, what: &'static str, value: f64, unit: &'static str) -> ChainError {
     ChainError::Limit { joint: joint.name.clone(), what, value, unit }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn foreign_text_in_a_refusal_is_short() {
+        let links: String = (0..5000).map(|n| format!("<link name=\"{n}{}\"/>", "x".repeat(500))).collect();
+        let all = format!("<robot name=\"r\">{links}</robot>");
+        let many = segments(&all, None, None).map(|_| ()).unwrap_err().to_string();
+        assert!(many.len() < 4000 && many.contains("and 4960 more"), "{} bytes: {many:.300}", many.len());
+        let quoted = format!("<robot name=\"r\"><link name=\"{}\"", "<".repeat(900));
+        let told = description(&quoted).unwrap_err().to_string();
+        assert!(told.len() < 2000 && told.contains("cannot be read as URDF"), "{told}");
+    }
 }

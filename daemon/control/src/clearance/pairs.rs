@@ -11,6 +11,8 @@ use crate::geometry::{Cuboid, HalfSpace, Segment, Separation, point_plane, segme
 
 /// Links two joints apart that may come nearer than this count as able to meet \[m\].
 const NEAR_M: f64 = 1e-3;
+/// So does what was found this near: to prove the little between would take long \[m\].
+const FOUND_M: f64 = 1.5 * NEAR_M;
 /// A capsule whose axis is no farther from its joint's than this share of its radius is turned in place.
 const TURNED_IN_PLACE: f64 = 0.25;
 /// Postures of one joint at which it is looked whether capsules stay neighbours.
@@ -216,8 +218,8 @@ fn range<const J: usize>(limits: &JointLimits<J>, joint: usize) -> [f64; 2] {
     [if low.is_finite() { low } else { -PI }, (high - low).min(2.0 * PI)]
 }
 
-/// Whether two capsules with two joints between them come within [`NEAR_M`] in some posture; if not, they
-/// stay farther apart than half of that. Ranges of the two joints are halved until the distance in the middle
+/// Whether two capsules with two joints between them come within [`FOUND_M`] in some posture; if not, they
+/// stay farther apart than [`NEAR_M`]. Ranges of the two joints are halved until the distance in the middle
 /// of each shows, by the levers, that it keeps apart everywhere in it; what may come nearest is looked at
 /// first.
 fn can_meet<const J: usize>(
@@ -255,10 +257,10 @@ fn can_meet<const J: usize>(
         };
         for part in parts {
             let (apart, part) = look(part);
-            if !(apart > NEAR_M) {
+            if !(apart > FOUND_M) {
                 return true;
             }
-            if !(part.nearest > 0.5 * NEAR_M) {
+            if !(part.nearest > NEAR_M) {
                 open.push(part);
             }
         }
