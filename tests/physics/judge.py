@@ -122,27 +122,27 @@ def flange_wall(ticks):
     return Wall((-1, 0, 0), -(right_m - 0.015), WALL_NPM, (0.0, 0.0, 0.0), "wall")
 
 
-# The last number: the largest force [N] that physics of others found before contacts were watched (issue 44), for as long as it wrote.
+# The largest force [N] that physics of others found before contacts were watched, for as long as it wrote; the share of that which
+# may be met now, and the time of touching until the stop [s]. Paper 8 mm too high is met with the force of its first stroke.
 bad = [
-    ("paper +3 mm", lambda _: [Wall((0, 0, 1), 0.003, PAPER_NPM)], 58.0),
-    ("paper +8 mm", lambda _: [Wall((0, 0, 1), 0.008, PAPER_NPM)], 149.0),
-    ("wall 15 mm inside", lambda ticks: [paper, flange_wall(ticks)], 814.0),
-    ("flange on a table", lambda _: [Wall((0, 0, 1), 0.154, WALL_NPM, (0.0, 0.0, 0.0), "wall")], 372.0),
+    ("paper +3 mm", lambda _: [Wall((0, 0, 1), 0.003, PAPER_NPM)], 58.0, 1.1, 1.0),
+    ("paper +8 mm", lambda _: [Wall((0, 0, 1), 0.008, PAPER_NPM)], 149.0, 1.1, 3.5),
+    ("wall 15 mm inside", lambda ticks: [paper, flange_wall(ticks)], 814.0, 0.5, 1.0),
+    ("flange on a table", lambda _: [Wall((0, 0, 1), 0.154, WALL_NPM, (0.0, 0.0, 0.0), "wall")], 372.0, 0.9, 1.0),
 ]
 # The built-in writer touches paper 3 mm too high for 0.3 s at a time, which is too short and too light to be told from friction.
 borne = {("paper +3 mm", list(PENS)[0])}
 
 
-for name, walls, today_n in bad:
+for name, walls, today_n, share, within_s in bad:
     for pen in few if wanted(name) else ():
         if pen not in shapes:
             shapes[pen] = physics(PROGRAM, nominal, PENS[pen])[1]
         figures, _ = run(replace(nominal, name=name, walls=walls(shapes[pen])), pen)
         seen = f"({figures['stop'] or 'no stop'}, touched for {figures['touched_before_stop_s']:.2f} s, at most {figures['force_max_n']:.0f} N; without a watch {today_n:.0f} N)"
-        if (name, pen) in borne:
-            claim(f"{name}, {pen}", "is borne, with no more force than without a watch", figures["force_max_n"] <= 1.1 * today_n, seen)
-        else:
-            claim(f"{name}, {pen}", "is noticed within 3.5 s of touching", figures["stop"] != "" and figures["touched_before_stop_s"] <= 3.5, seen)
+        if (name, pen) not in borne:
+            claim(f"{name}, {pen}", f"is noticed within {within_s} s of touching", figures["stop"] != "" and figures["touched_before_stop_s"] <= within_s, seen)
+        claim(f"{name}, {pen}", f"with at most {share} of the force without a watch", figures["force_max_n"] <= share * today_n, seen)
 
 # A wrist at a tenth of its speed takes the tool nowhere: that it is slow does no harm, and is not looked for.
 for joint in (0, 1):
