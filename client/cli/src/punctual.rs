@@ -1,5 +1,7 @@
-//! Real-time priority for commands that keep the cycle of a controller.
+//! Real-time priority for commands that keep the cycle of a controller, and whether they get the CPU for it.
 
+use std::fs::File;
+use std::os::unix::fs::FileExt as _;
 use std::time::Duration;
 
 use foretrace_config::Settings;
@@ -19,9 +21,13 @@ pub(crate) fn below_the_loop(settings: &Settings) -> u32 {
     settings.control_loop.priority.saturating_sub(BELOW_THE_LOOP).max(1)
 }
 
-/// Puts this thread under SCHED_FIFO at `priority`, and every thread that it starts from now on; one that
-/// spins ends the process. Returns what is missing, in words, having told it; nothing stops without.
-pub(crate) fn ask(who: &str, priority: u32) -> Option<String> {
+/// Puts this thread under SCHED_FIFO at `priority`, and every thread that it starts from now on, unless it is
+/// to have `no_rights`; one that spins ends the process. Returns what is missing, in words, having told what
+/// the system refused; nothing stops without.
+pub(crate) fn ask(who: &str, priority: u32, no_rights: bool) -> Option<String> {
+    if no_rights {
+        return Some("--no-rights".to_owned());
+    }
     let missing = match os::limit_spin(SPINS) {
         Ok(()) => set_fifo(priority).err()?.text,
         Err(error) => format!("no priority: RLIMIT_RTTIME cannot be set ({error})"),
@@ -30,13 +36,72 @@ pub(crate) fn ask(who: &str, priority: u32) -> Option<String> {
     Some(missing)
 }
 
+/// How long this thread could have run while others had the CPU; `None` from where the kernel does not tell.
+/// Source: second number of /proc/PID/task/TID/schedstat (`Documentation/scheduler/sched-stats.rst`).
+#[derive(Debug)]
+pub(crate) struct CpuWait {
+    file: Option<File>,
+    waited_ns: u64,
+}
+
+impl CpuWait {
+    /// Of the thread that calls, from now on.
+    pub(crate) fn of_this_thread() -> Self {
+        let mut wait = Self { file: File::open("/proc/thread-self/schedstat").ok(), waited_ns: 0 };
+        wait.lately_ns();
+        wait
+    }
+
+    /// Since the last call \[ns\].
+    pub(crate) fn lately_ns(&mut self) -> Option<u64> {
+        let mut bytes = [0; 96];
+        let count = self.file.as_ref()?.read_at(&mut bytes, 0).ok()?;
+        let text = std::str::from_utf8(bytes.get(..count)?).ok()?;
+        let waited_ns = text.split_whitespace().nth(1)?.parse().ok()?;
+        let lately_ns = u64::saturating_sub(waited_ns, self.waited_ns);
+        self.waited_ns = waited_ns;
+        Some(lately_ns)
+    }
+}
+
 #[cfg(test)]
 mod tests {
+    use std::time::Instant;
+
+    use foretraced::rt::os::pin_to;
+
     use super::*;
 
     #[test]
     fn what_is_missing_is_said_and_nothing_stops() {
-        let text = std::thread::spawn(|| ask("test", 1000)).join().unwrap().unwrap();
+        let text = std::thread::spawn(|| ask("test", 1000, false)).join().unwrap().unwrap();
         assert!(text.contains("from 1 to 99"), "{text}");
+        assert_eq!(ask("test", 1000, true).unwrap(), "--no-rights");
+    }
+
+    /// One CPU for two threads that compute: each waits about half of the time; one that sleeps does not.
+    #[test]
+    fn a_thread_that_shares_its_cpu_has_waited_and_one_that_sleeps_has_not() {
+        let computes = |for_ms: u64| {
+            // The first that this process may use: the same for both.
+            assert!((0..1024).any(|cpu| pin_to(cpu).is_ok()));
+            let mut wait = CpuWait::of_this_thread();
+            let begin = Instant::now();
+            while begin.elapsed() < Duration::from_millis(for_ms) {
+                std::hint::spin_loop();
+            }
+            wait.lately_ns()
+        };
+        let other = std::thread::spawn(move || computes(400));
+        let waited = std::thread::spawn(move || computes(300)).join().unwrap();
+        other.join().unwrap();
+        let mut idle = CpuWait::of_this_thread();
+        std::thread::sleep(Duration::from_millis(300));
+        let Some((waited, idle)) = waited.zip(idle.lately_ns()) else {
+            eprintln!("skipped: this kernel does not tell how long a thread waited");
+            return;
+        };
+        assert!(waited > 50_000_000, "{waited} ns beside another");
+        assert!(idle < waited, "{idle} ns asleep, {waited} beside another");
     }
 }

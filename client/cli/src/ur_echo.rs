@@ -43,7 +43,7 @@ pub(crate) fn run(args: &UrEchoArgs) -> Result<(), Failure> {
     let broken = |error: std::io::Error| Failure::failed(format_args!("{}: {error}", args.at), "");
     let mut goes_on = || !interrupt.is_set();
     if let Some(priority) = args.priority {
-        punctual::ask("ur-echo", priority);
+        punctual::ask("ur-echo", priority, false);
     }
     match args.role {
         Role::Bridge => echo::bridge(args.at, &mut goes_on).map_err(broken),

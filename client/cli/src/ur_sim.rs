@@ -142,8 +142,7 @@ pub(crate) fn run(args: &UrSimArgs) -> Result<(), Failure> {
         options.q = standing(from)?;
     }
     // Before its threads are made: those that take what clients send keep the cycle as the control loop does.
-    let missing =
-        if args.no_rights { Some("--no-rights".to_owned()) } else { punctual::ask("ur-sim", PRIORITY) };
+    let missing = punctual::ask("ur-sim", PRIORITY, args.no_rights);
     let controller = Controller::start(options).map_err(|error| Failure::failed(error, ""))?;
     for order in std::iter::once(PEN).chain(args.orders.iter().map(String::as_str)) {
         let answer = controller.obey(order);

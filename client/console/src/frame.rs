@@ -6,8 +6,8 @@
 use std::collections::VecDeque;
 
 use foretrace_client::{
-    FaultReason, GhostState, Holder, Latency, Mode, Stage, Status, TickRecord, Tracking, TrustReason,
-    monotonic_now_ns, pen_flags,
+    FaultReason, GhostState, Holder, Latency, Mode, Stage, Status, StopDetail, TickRecord, Tracking,
+    TrustReason, monotonic_now_ns, pen_flags,
 };
 use foretrace_config::Config;
 use serde_json::{Value, json};
@@ -22,7 +22,7 @@ const POINTS: usize = 40;
 const ERRORS: usize = 20;
 
 /// What to do about a stop, in words.
-pub(crate) type Remedy = dyn Fn(FaultReason) -> String + Send + Sync;
+pub(crate) type Remedy = dyn Fn(FaultReason, &StopDetail) -> String + Send + Sync;
 
 /// What frames are made of.
 pub(crate) struct Frames {
@@ -181,7 +181,7 @@ fn state(status: &Status, remedy: &Remedy) -> Value {
         "stopped": stopped.then(|| json!({
             "why": fault.to_string(),
             "evidence": status.stop.to_string(),
-            "remedy": remedy(fault),
+            "remedy": remedy(fault, &status.stop),
         })),
         "age_ms": ms(status.header.age_ns(now_ns)),
         "rate_hz": status.measured_rate_hz,

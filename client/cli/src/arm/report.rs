@@ -72,7 +72,7 @@ pub(super) struct ArmReport {
     pub(super) cycles: u64,
     /// Cycles that the machine missed and that were made up for.
     pub(super) late_cycles: u64,
-    /// Longest time in which this process got no CPU [ms].
+    /// Longest that a cycle came late because others had the CPU [ms].
     pub(super) starved_ms: f64,
     /// Why it had no real-time priority; none where it had.
     pub(super) not_real_time: Option<String>,
@@ -118,7 +118,7 @@ impl DelaySeen {
 pub(super) fn summary(report: &SimReport) {
     let SimReport { commands, arm, envelope } = report;
     say!(
-        "cycles      {} at {} Hz, {} made up for, {:.1} ms late at most",
+        "cycles      {} at {} Hz, {} made up for, at most {:.1} ms without a CPU",
         arm.cycles,
         arm.rate_hz,
         arm.late_cycles,

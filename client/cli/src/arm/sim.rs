@@ -25,7 +25,7 @@ use crate::failure::{Cause, Failure};
 use crate::interrupt::Interrupt;
 use crate::os;
 use crate::output::{JsonArgs, note};
-use crate::punctual;
+use crate::punctual::{self, CpuWait};
 use crate::settings::SettingsArgs;
 use crate::stopped::starved;
 
@@ -72,7 +72,7 @@ pub(crate) struct SimArgs {
     #[arg(long)]
     no_rights: bool,
 
-    /// Compute without a pause from this many seconds on, as a broken arm's process might
+    /// Compute without a pause from so long after the first command on, as a broken arm's process might
     #[arg(long, value_name = "S", hide = true, value_parser = crate::values::lasting)]
     spin_after: Option<f64>,
 
@@ -88,7 +88,7 @@ pub(crate) fn run(args: &SimArgs) -> Result<(), Failure> {
     let interrupt = Interrupt::listen()?;
     let config = args.settings.load()?;
     let (robot, settings) = (config.robot(), config.settings());
-    let rate_hz = args.rate.unwrap_or(config.settings().robot.controller_rate_hz);
+    let rate_hz = args.rate.unwrap_or(settings.robot.controller_rate_hz);
     let cycle_s = 1.0 / f64::from(rate_hz);
     let from = args.from.as_deref().map_or(Ok(robot.home), |from| standing(from, &robot.limits))?;
     let intake = Intake::new(host_boot_id(), robot.limits, cycle_s, from)
@@ -96,7 +96,7 @@ pub(crate) fn run(args: &SimArgs) -> Result<(), Failure> {
     let arm = args.lag.settings(cycle_s);
     let model = ArmModel::at_rest(arm, from);
     let record = args.record.as_deref().map(Record::create).transpose()?;
-    let instance = instance_of(config.settings())?;
+    let instance = instance_of(settings)?;
     let foretrace = attach_within(&instance, Duration::from_secs_f64(args.wait))?;
     let daemon = Daemons::attached(foretrace, Reads::CommandsOnly)?;
     note!(
@@ -117,15 +117,12 @@ pub(crate) fn run(args: &SimArgs) -> Result<(), Failure> {
         teller: Teller::default(),
         cycles: 0,
         late_cycles: 0,
+        cpu: CpuWait::of_this_thread(),
         starved_ns: 0,
-        told_from_ns: (settings.safety.joint_state_timeout_ms * 1e6) as u64,
+        gone_ns: (settings.safety.joint_state_timeout_ms * 1e6) as u64,
     };
     // Last, so that nothing that reads files has it; below the daemon's loop, whose commands it takes.
-    let missing = if args.no_rights {
-        Some("--no-rights".to_owned())
-    } else {
-        punctual::ask("arm", punctual::below_the_loop(settings))
-    };
+    let missing = punctual::ask("arm", punctual::below_the_loop(settings), args.no_rights);
     sim.run(args.seconds, args.spin_after, &interrupt);
     if let Some(record) = sim.record.take() {
         record.finish()?;
@@ -162,28 +159,34 @@ struct Simulation {
     teller: Teller,
     cycles: u64,
     late_cycles: u64,
-    /// Longest time without a cycle \[ns\], and that which the daemon takes for an arm that is gone.
+    cpu: CpuWait,
+    /// Longest that a cycle came late because others had the CPU, and that after which the daemon takes the
+    /// arm for gone \[ns\].
     starved_ns: u64,
-    told_from_ns: u64,
+    gone_ns: u64,
 }
 
 impl Simulation {
     fn run(&mut self, seconds: Option<f64>, spin_after: Option<f64>, interrupt: &Interrupt) {
         let begin = monotonic_now_ns();
         let after = |s: f64| begin.saturating_add((s.max(0.0) * 1e9) as u64);
-        let (end, spins) = (seconds.map_or(u64::MAX, after), spin_after.map_or(u64::MAX, after));
-        let mut due = begin + self.cycle_ns;
+        let end = seconds.map_or(u64::MAX, after);
+        let (mut due, mut spins) = (begin + self.cycle_ns, None);
         while due < end && !interrupt.is_set() {
             os::sleep_until(due);
             let now = monotonic_now_ns();
-            if now >= spins {
+            self.late(now.saturating_sub(due));
+            self.receive(Stamp(due));
+            // From the first command on.
+            if let (None, Some(s), Some(_)) = (spins, spin_after, self.intake.newest()) {
+                spins = Some(now + (s * 1e9) as u64);
+            }
+            if spins.is_some_and(|spins| now >= spins) {
                 note!("arm: computes without a pause from now on");
                 while !interrupt.is_set() {
                     std::hint::spin_loop();
                 }
             }
-            self.late(now.saturating_sub(due));
-            self.receive(Stamp(due));
             let mut made = 0;
             while due <= now {
                 self.cycle(due);
@@ -195,11 +198,12 @@ impl Simulation {
         }
     }
 
-    /// Tells a pause of `ns` that the daemon takes for an arm that is gone.
+    /// A cycle is late by `ns`: tells what the daemon takes for an arm that is gone, if others had the CPU.
     fn late(&mut self, ns: u64) {
-        self.starved_ns = self.starved_ns.max(ns);
-        if ns >= self.told_from_ns {
-            note!("arm: {}", starved(ns));
+        let starved_ns = self.cpu.lately_ns().unwrap_or(0).min(ns);
+        self.starved_ns = self.starved_ns.max(starved_ns);
+        if starved_ns + self.cycle_ns >= self.gone_ns {
+            note!("arm: {}", starved(starved_ns));
         }
     }
 

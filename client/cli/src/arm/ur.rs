@@ -153,8 +153,7 @@ pub(crate) fn run(args: &UrArgs) -> Result<(), Failure> {
     };
     // Last, so that no thread that may wait inherits it; below the daemon's loop, whose commands it sends.
     let priority = punctual::below_the_loop(settings);
-    let missing =
-        if args.no_rights { Some("--no-rights".to_owned()) } else { punctual::ask("arm", priority) };
+    let missing = punctual::ask("arm", priority, args.no_rights);
     bridge.run(args.seconds, &interrupt);
     if let Some(record) = bridge.record.take() {
         record.finish()?;

@@ -126,7 +126,8 @@ pub(crate) fn run(args: &BenchArgs) -> Result<(), Failure> {
     args.json.claim()?;
     if cfg!(debug_assertions) {
         note!(
-            "foretrace: this is a debug build; use `cargo foretrace bench` for numbers that mean something"
+            "foretrace: built for a quick start; for numbers that mean something: `cargo run --release -p foretrace \
+             --bin foretrace -- bench`, or the installed program"
         );
     }
     let config = configured(&args.settings)?;

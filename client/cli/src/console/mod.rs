@@ -10,7 +10,7 @@ mod recordings;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use foretrace_client::{FaultReason, Foretrace, Instance, RequestError};
+use foretrace_client::{FaultReason, Foretrace, Instance, RequestError, StopDetail};
 use foretrace_config::Settings;
 use foretrace_console::{Console, Link};
 use foretraced::{Base, Source};
@@ -25,7 +25,7 @@ use crate::output::{JsonArgs, note, say};
 use crate::play::source::{self, PathArgs};
 use crate::request::{may_pass, refused};
 use crate::settings::{SettingsArgs, judged};
-use crate::stopped::{self, STARVED};
+use crate::stopped;
 
 /// A busy machine takes seconds to start two processes.
 const STARTING: Duration = Duration::from_secs(30);
@@ -116,7 +116,7 @@ pub(crate) fn run(args: &ConsoleArgs) -> Result<(), Failure> {
         instance,
         config,
         writer: Box::new(move |text| written(text, &settings)),
-        remedy: Box::new(move |fault| remedy(fault, arm.as_ref())),
+        remedy: Box::new(move |fault, stop| remedy(fault, stop, arm.as_ref())),
         recordings: Box::new(recordings),
     };
     say!("open {}", console.address());
@@ -196,10 +196,9 @@ fn simulated(source: &Source, instance: &Instance, interrupt: &Interrupt) -> Res
     }
 }
 
-/// What to do about a stop; of the simulated arm's, whether the machine was too busy for it.
-fn remedy(fault: FaultReason, arm: Option<&LastWords>) -> String {
-    let starved = arm.filter(|_| fault == FaultReason::JointStateStale).and_then(|arm| arm.find(STARVED));
-    match starved {
+/// What to do about a stop; where the simulated arm says at that time that it got no CPU, that.
+fn remedy(fault: FaultReason, stop: &StopDetail, arm: Option<&LastWords>) -> String {
+    match arm.and_then(|arm| arm.starved(fault, stop)) {
         Some(starved) => format!("{starved}: arm again"),
         None => stopped::remedy(fault),
     }

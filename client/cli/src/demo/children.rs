@@ -11,24 +11,42 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+use foretrace_client::{FaultReason, StopDetail, monotonic_now_ns};
+
 use crate::failure::Failure;
 use crate::os;
+use crate::stopped::STARVED;
 
 const GRACE: Duration = Duration::from_secs(5);
 const TAIL_LINES: usize = 20;
+/// What an arm says of a pause of its own comes within this time of the stop \[ns\].
+const SAME_NS: u64 = 2_000_000_000;
 
-/// The last lines of a process on stderr.
+/// The last lines of a process on stderr, and when they came on the monotonic clock [ns].
 #[derive(Debug, Clone, Default)]
-pub(crate) struct LastWords(Arc<Mutex<VecDeque<String>>>);
+pub(crate) struct LastWords(Arc<Mutex<VecDeque<(u64, String)>>>);
 
 impl LastWords {
-    fn lines(&self) -> MutexGuard<'_, VecDeque<String>> {
+    fn lines(&self) -> MutexGuard<'_, VecDeque<(u64, String)>> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The newest line with `part`, from there on.
-    pub(crate) fn find(&self, part: &str) -> Option<String> {
-        self.lines().iter().rev().find_map(|line| Some(line.get(line.find(part)?..)?.to_owned()))
+    fn push(&self, at_ns: u64, line: String) {
+        let mut lines = self.lines();
+        if lines.len() >= TAIL_LINES {
+            lines.pop_front();
+        }
+        lines.push_back((at_ns, line));
+    }
+
+    /// What a simulated arm said of its own want of CPU when this stop latched for want of its joint state.
+    pub(crate) fn starved(&self, fault: FaultReason, stop: &StopDetail) -> Option<String> {
+        if fault != FaultReason::JointStateStale {
+            return None;
+        }
+        let lines = self.lines();
+        let mut then = lines.iter().rev().filter(|(came_ns, _)| came_ns.abs_diff(stop.at_ns) <= SAME_NS);
+        then.find_map(|(_, line)| Some(line.get(line.find(STARVED)?..)?.to_owned()))
     }
 }
 
@@ -56,11 +74,7 @@ impl Child {
             let tail = tail.clone();
             std::thread::spawn(move || {
                 for line in BufReader::new(stderr).split(b'\n').map_while(Result::ok) {
-                    let mut tail = tail.lines();
-                    if tail.len() >= TAIL_LINES {
-                        tail.pop_front();
-                    }
-                    tail.push_back(String::from_utf8_lossy(&line).into_owned());
+                    tail.push(monotonic_now_ns(), String::from_utf8_lossy(&line).into_owned());
                 }
             })
         });
@@ -107,7 +121,7 @@ impl Child {
         {
             let _ = reader.join();
         }
-        self.tail.lines().iter().cloned().collect()
+        self.tail.lines().iter().map(|(_, line)| line.clone()).collect()
     }
 
     fn died(&mut self, status: ExitStatus) -> Failure {
@@ -139,5 +153,26 @@ impl Drop for Child {
         if self.status.is_none() {
             let _ = self.ended();
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::stopped::starved;
+
+    #[test]
+    fn an_arm_that_got_no_cpu_is_told_for_the_stop_at_that_time_only() {
+        let words = LastWords::default();
+        let at = |at_ns| StopDetail { at_ns, ..StopDetail::NONE };
+        assert_eq!(words.starved(FaultReason::JointStateStale, &at(0)), None);
+        words.push(10_000_000_000, format!("foretrace: arm: {}", starved(83_000_000)));
+        words.push(10_100_000_000, "arm: something else".to_owned());
+        let told = words.starved(FaultReason::JointStateStale, &at(9_950_000_000)).unwrap();
+        assert!(told.starts_with(STARVED) && told.ends_with(" 83 ms"), "{told}");
+        assert_eq!(words.starved(FaultReason::JointStateStale, &at(60_000_000_000)), None);
+        assert_eq!(words.starved(FaultReason::TrackingError, &at(9_950_000_000)), None);
+        (0..TAIL_LINES).for_each(|_| words.push(11_000_000_000, String::new()));
+        assert_eq!(words.starved(FaultReason::JointStateStale, &at(9_950_000_000)), None, "forgotten");
     }
 }

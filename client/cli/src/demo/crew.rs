@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use foretrace_client::{Foretrace, Instance, Mode, Requests, ServiceError, StatusReader, Telemetry};
 use indicatif::{ProgressBar, ProgressStyle};
 
-use super::children::Child;
+use super::children::{Child, LastWords};
 use super::gathered::{Gathered, JointUse, StopNote, TickNote};
 use crate::attach::unattached;
 use crate::failure::Failure;
@@ -216,6 +216,12 @@ impl Crew {
         // The stop that the demo itself has just asked for is not reported.
         watch.gathered.stops.truncate(stops);
         Ok(())
+    }
+
+    /// What a child says on stderr.
+    pub(crate) fn words(&self, name: &str) -> LastWords {
+        let child = self.children.iter().find(|(known, _)| *known == name);
+        child.map(|(_, child)| child.words()).unwrap_or_default()
     }
 
     /// Ends one child in order and returns what it printed.

@@ -11,6 +11,7 @@ use foretrace_sim::metrics::ToolSample;
 use foretrace_sim::path::PathSample;
 use nalgebra::Vector3;
 
+use super::children::LastWords;
 use crate::failure::Failure;
 
 /// Everything collected while the loop ran.
@@ -34,6 +35,8 @@ pub(crate) struct Gathered {
     pub(crate) tool: Vec<ToolSample>,
     /// Its height over the paper: when [s], how high [m].
     pub(crate) heights: Vec<(f64, f64)>,
+    /// What the arm's process said last.
+    pub(crate) arm_said: LastWords,
     /// The arm's own report.
     pub(crate) arm: serde_json::Value,
     /// What a bare echo pair beside the arm counted; null where none ran.

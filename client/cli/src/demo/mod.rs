@@ -273,6 +273,7 @@ fn evidence_of(
 
     crew.end("player")?;
     let_go(&mut crew, &mut watch)?;
+    let arm_said = crew.words("arm");
     crew.end("arm")?;
     crew.end(ur::CONTROLLER)?;
     ur::echo_ends(&mut crew)?;
@@ -281,6 +282,7 @@ fn evidence_of(
     crew.end("daemon")?;
     crew.done();
 
+    gathered.arm_said = arm_said;
     let plane = config.follower_settings().plane;
     gathered.pen = gathered::pen(&scratch.file("pen.csv"), &plane)?;
     (gathered.tool, gathered.heights, gathered.extent) =

@@ -71,7 +71,7 @@ fn head(page: &mut String, figures: &Figures, findings: &[Finding]) {
         if setting.optimised_build {
             ""
         } else {
-            "; built for a quick start, half as fast as the released program"
+            "; built for a quick start, slower than the released program"
         }
     );
     if findings.is_empty() {

@@ -3,16 +3,12 @@
 //! Contract: pure. The program ends with the worst finding, the one that comes first; the report has them
 //! all.
 
-use foretrace_client::FaultReason;
 use foretrace_control::extent::ExtentBounds;
 
 use super::figures::Figures;
 use super::gathered::Gathered;
 use crate::failure::Failure;
 use crate::stopped;
-
-/// A pause of the simulated arm that is worth a word [ms]; its cycle is 2 to 8 ms.
-const LATE_MS: f64 = 10.0;
 
 /// What went wrong, why, and what to do about it: a line each.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -57,8 +53,8 @@ pub(crate) fn of(gathered: &Gathered, figures: &Figures, bounds: &ExtentBounds) 
     });
     let stops = gathered.stops.iter().zip(&figures.control_loop.stops).map(|(stop, told)| {
         let (mut reason, mut remedy) = (told.words(), stopped::remedy(stop.fault));
-        if let Some(ns) = starved_ns(gathered).filter(|_| stop.fault == FaultReason::JointStateStale) {
-            reason = format!("{reason}: {}", stopped::starved(ns));
+        if let Some(starved) = gathered.arm_said.starved(stop.fault, &stop.detail) {
+            reason = format!("{reason}: {starved}");
             "run the demo again, with less beside it".clone_into(&mut remedy);
         }
         Finding {
@@ -75,12 +71,6 @@ pub(crate) fn of(gathered: &Gathered, figures: &Figures, bounds: &ExtentBounds) 
         ));
     }
     findings
-}
-
-/// The longest time in which the simulated arm got no CPU \[ns\], if a joint state was late for it.
-fn starved_ns(gathered: &Gathered) -> Option<u64> {
-    let ms = gathered.arm.pointer("/arm/starved_ms")?.as_f64()?;
-    (ms >= LATE_MS).then_some((ms * 1e6) as u64)
 }
 
 #[cfg(test)]

@@ -65,7 +65,7 @@ impl Rig {
                 let count = if text == "long" { 4000 } else { 40 };
                 Ok((0..count).map(|i| (0.005 * f64::from(i), 0.001, 0.002, true)).collect())
             }),
-            remedy: Box::new(|_| "look at the arm".to_owned()),
+            remedy: Box::new(|_, _| "look at the arm".to_owned()),
             recordings: Box::new(Tape(false)),
         };
         let ends = over.clone();
