@@ -79,6 +79,7 @@ fn lived() -> Lived {
             request,
             halt: None,
             weights: (tick == 200).then_some(weights.version),
+            unsent: tick % 70 == 1,
             pen_samples: pen.len() as u32,
             complete: true,
         };
@@ -88,6 +89,7 @@ fn lived() -> Lived {
             effort: given.effort.as_ref(),
             request,
             weights: given.weights.map(|_| &weights),
+            unsent: given.unsent,
             ..StepInput::nothing(now)
         };
         let output = follower.step(&input, given.budget, &mut NoClock);
@@ -359,6 +361,7 @@ fn behind_a_servo() -> (Vec<TickInput>, f64, Thing) {
             request: (tick == 5).then_some(Request::Arm),
             halt: None,
             weights: None,
+            unsent: false,
             pen_samples: pen.len() as u32,
             complete: true,
         };

@@ -45,6 +45,7 @@ pub(crate) fn facts(tick: u64) -> TickFacts {
             request: None,
             halt: None,
             weights: None,
+            unsent: false,
             pen_samples: 0,
             complete: true,
         },

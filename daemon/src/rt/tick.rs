@@ -127,6 +127,8 @@ pub struct Tick<const N: usize, P> {
     trust: Trust,
     tally: LoopTally,
     leaving: bool,
+    /// The last command was not sent.
+    unsent: bool,
     /// Token of the request for the way home that is still being checked.
     way_asked: Option<u64>,
     stops: Stops,
@@ -153,6 +155,7 @@ impl<const N: usize, P: Ports> Tick<N, P> {
             trust: Trust::NONE,
             tally: LoopTally::default(),
             leaving: false,
+            unsent: false,
             way_asked: None,
             stops: Stops::default(),
             overruns: OverrunBudget::new(OverrunLimit::NONE),
@@ -215,6 +218,7 @@ impl<const N: usize, P: Ports> Tick<N, P> {
                 (None, Verdict::Fine | Verdict::Shed) => None,
             },
             weights,
+            unsent: self.unsent,
         };
         let given = Given {
             now: input.now,
@@ -225,6 +229,7 @@ impl<const N: usize, P: Ports> Tick<N, P> {
             request,
             halt: input.halt,
             weights: weights.map(|weights| weights.version),
+            unsent: input.unsent,
             pen_samples: input.pen.len() as u32,
             complete: true,
         };
@@ -238,7 +243,7 @@ impl<const N: usize, P: Ports> Tick<N, P> {
 
         let before_send = allocations();
         let published = laps.last();
-        let not_sent = !self.send(published, &output);
+        self.unsent = !self.send(published, &output);
         let sending = allocations().wrapping_sub(before_send);
         let finished = laps.sent(wake.started);
 
@@ -279,7 +284,7 @@ impl<const N: usize, P: Ports> Tick<N, P> {
             measured: self.measured,
             published,
             echo: self.echo,
-            not_sent,
+            not_sent: self.unsent,
             weights_since: self.weights_since,
             port_allocations: ports as u32,
             law_allocations: law as u32,
@@ -339,9 +344,13 @@ impl<const N: usize, P: Ports> Tick<N, P> {
         (Budget { max_iterations: self.max_iterations, shed: solve != Solve::Done }, solve)
     }
 
-    /// Sends the command, if there is one; `true` also if there is none.
+    /// Sends the command, if there is one; `true` also if there is none. A step that was held up for so long
+    /// that its command is over sends nothing: consumers have braked by the one before.
     fn send(&mut self, now: Stamp, output: &StepOutput<JOINTS>) -> bool {
         let Some(command) = output.command else { return true };
+        if now >= command.valid_until {
+            return false;
+        }
         let outgoing = Outgoing {
             tick: self.tally.ticks.wrapping_add(1),
             command,

@@ -33,6 +33,8 @@ pub struct Given {
     pub halt: Option<(StopReason, StopDetail)>,
     /// Version of the weights offered, if there were any.
     pub weights: Option<u64>,
+    /// The command of the tick before was not sent.
+    pub unsent: bool,
     /// Pen samples that arrived.
     pub pen_samples: u32,
     /// All of them are known.
@@ -56,6 +58,7 @@ impl Given {
             request: self.request,
             halt: self.halt,
             weights,
+            unsent: self.unsent,
         }
     }
 }
@@ -63,7 +66,8 @@ impl Given {
 /// The first part of a tick's record, without pen samples: fill in those with [`pen_part`].
 #[must_use]
 pub fn tick_input(tick: u64, daemon_id: u64, given: &Given, output: &StepOutput<JOINTS>) -> shm::TickInput {
-    let Given { now, budget, joints, effort, enable, request, halt, weights, pen_samples, complete } = *given;
+    let Given { now, budget, joints, effort, enable, request, halt, weights, unsent, pen_samples, complete } =
+        *given;
     let flags = flag(joints.is_some(), input_flags::JOINTS)
         | flag(joints.is_some_and(|joints| joints.motion_allowed), input_flags::MOTION_ALLOWED)
         | flag(enable.is_some(), input_flags::ENABLE)
@@ -73,6 +77,7 @@ pub fn tick_input(tick: u64, daemon_id: u64, given: &Given, output: &StepOutput<
         | flag(weights.is_some(), input_flags::WEIGHTS)
         | flag(budget.shed, input_flags::SHED)
         | flag(output.command.is_some_and(|command| command.enabled), input_flags::ENABLED)
+        | flag(unsent, input_flags::UNSENT)
         | flag(!complete, input_flags::INCOMPLETE);
     let (op, request_value, kind) = request.map_or((ControlOp::Query, 0.0, None), words);
     let (reason, detail) = halt.unwrap_or((StopReason::None, StopDetail::default()));
@@ -171,6 +176,7 @@ pub fn given(input: &shm::TickInput) -> Result<Given, &'static str> {
         request,
         halt,
         weights: has(input_flags::WEIGHTS).then_some(input.weights_version),
+        unsent: has(input_flags::UNSENT),
         pen_samples: input.pen_samples,
         complete: !has(input_flags::INCOMPLETE),
     })
@@ -249,6 +255,7 @@ mod tests {
             request: None,
             halt: None,
             weights: None,
+            unsent: false,
             pen_samples: 0,
             complete: true,
         };
@@ -268,6 +275,7 @@ mod tests {
             Given { halt: Some((StopReason::Requested, StopDetail::default())), ..nothing },
             Given { halt: Some((StopReason::Overruns, late)), ..nothing },
             Given { weights: Some(0), ..nothing },
+            Given { unsent: true, ..nothing },
         ];
         let requests = [
             Request::Arm,

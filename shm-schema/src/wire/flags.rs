@@ -78,6 +78,8 @@ wire_flags! {
         ENABLED = 8 => "enabled",
         /// Pen samples of this tick are missing here: it cannot be run again.
         INCOMPLETE = 9 => "incomplete",
+        /// The command of the tick before was not sent, or too late to be valid.
+        UNSENT = 10 => "unsent",
     }
 }
 

@@ -219,14 +219,12 @@ impl<const N: usize> LoopDesk<N> {
         let efforts = self.effort.map(|unit| self.measured.efforts(unit));
         let promoted = self.promoted.take();
         let input = StepInput {
-            now: self.now,
             pen: due,
             joints: Some(&joints),
             effort: efforts.as_ref(),
-            enable: None,
             request: if self.armed { request } else { Some(Request::Arm) },
-            halt: None,
             weights: promoted.as_deref(),
+            ..StepInput::nothing(self.now)
         };
         let output = self.follower.step(&input, Budget::default(), &mut NoClock);
         if let (false, Some(answer)) = (self.armed, output.answer) {

@@ -37,6 +37,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
     /// Watch and monitor. Stops latch here, before anything is planned.
     pub(super) fn take_in(&mut self, input: &StepInput<'_, J>, health: &mut Health) -> Seen {
         let now = input.now;
+        let begins_again = self.mover.settle(input.unsent);
         let lost_ns = self.mover.catch_up(now, health);
         if lost_ns > self.settings.safety.latch_after_ns {
             self.watch.latch(now, StopReason::TimeLost);
@@ -60,7 +61,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         let begins =
             matches!((input.request, answer), (Some(Request::Arm | Request::MoveHome), Some(Ok(()))));
         self.watch.check(now, health);
-        Seen { lost_ns, answer, begins }
+        Seen { lost_ns, answer, begins: begins || begins_again }
     }
 
     fn measure(&mut self, now: Stamp, joints: &JointReading<J>, effort: Option<&EffortReading<J>>) {

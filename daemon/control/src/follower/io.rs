@@ -195,6 +195,8 @@ pub struct StepInput<'a, const J: usize> {
     pub halt: Option<(StopReason, StopDetail)>,
     /// Weights promoted by the learner since the last tick.
     pub weights: Option<&'a OnlineWeights>,
+    /// The command of the last step was not sent, or too late to be valid: consumers have the one before.
+    pub unsent: bool,
 }
 
 impl<const J: usize> StepInput<'_, J> {
@@ -210,6 +212,7 @@ impl<const J: usize> StepInput<'_, J> {
             request: None,
             halt: None,
             weights: None,
+            unsent: false,
         }
     }
 }

@@ -3,10 +3,11 @@
 use crate::support;
 
 use crate::support::{Bench, PERIOD_NS, STEP_NS, settings};
-use foretrace_control::arm::JointLimits;
+use foretrace_control::arm::{JointLimits, JointMotion};
 use foretrace_control::follower::{
-    Budget, EnableReading, Health, Mode, Refusal, Request, Rung, StepInput, StepOutput,
+    Budget, EnableReading, Health, JointReading, Mode, Refusal, Request, Rung, StepInput, StepOutput,
 };
+use foretrace_control::guard::{Commanded, consumer_state};
 use foretrace_control::predict::{Oracle, PredictorKind};
 use foretrace_control::stop::StopReason;
 use foretrace_control::trust::TrustRequest;
@@ -302,6 +303,60 @@ fn a_short_stall_is_caught_up_with_and_a_long_one_latches() {
             bench.tick(&[]);
         }
     }
+}
+
+/// A step that is held up until its command is over sends nothing: consumers went on by the one before.
+#[test]
+fn after_a_command_that_was_not_sent_the_arm_goes_on_from_the_one_before() {
+    let settings = settings(PredictorKind::CONSTANT_VELOCITY);
+    let decel = *settings.limits.deceleration();
+    for stall_ns in [0, 6_000_000, 40_000_000, 600_000_000] {
+        let mut bench = Bench::armed(settings.clone());
+        follow(&mut bench, 1.5);
+        let sent = bench.last.unwrap();
+        assert!(sent.qd.iter().any(|qd| qd.abs() > 0.05), "{sent:?}");
+        let pen = [bench.pen(curve(1.5))];
+        let held_up = StepInput { pen: &pen, ..StepInput::nothing(bench.now) };
+        let lost = bench.withhold(&held_up, Budget::default()).command.unwrap();
+        assert_ne!(lost.q, sent.q);
+        bench.now = bench.now + stall_ns;
+        let motion = JointMotion { q: sent.q, qd: sent.qd, qdd: [0.0; 6] };
+        let arm = |now| {
+            let command = Commanded::new(sent.stamp, motion).unwrap();
+            consumer_state(&command, sent.valid_until, &decel, now)
+        };
+        let reading = JointReading { stamp: bench.now, q: arm(bench.now).q, ..bench.joints };
+        let input = StepInput { joints: Some(&reading), ..StepInput::nothing(bench.now) };
+        // The bench's checker never saw the lost command: what follows is continuous for consumers, too.
+        let output = bench.step(&input, Budget::default());
+        assert!(output.health.has(Health::TIME_LOST));
+        if stall_ns > 200_000_000 {
+            assert_eq!(output.stop_reason, StopReason::TimeLost);
+            let rests = arm(bench.now).q;
+            let command = output.command.unwrap();
+            let moved = command.q.iter().zip(&rests).map(|(a, b)| (a - b).abs());
+            assert!(moved.fold(0.0, f64::max) < 1e-12, "it stands where it stood");
+        }
+        for _ in 0..100 {
+            bench.tick(&[]);
+        }
+    }
+}
+
+#[test]
+fn the_first_command_that_is_sent_begins() {
+    let mut bench = Bench::new(settings(PredictorKind::CONSTANT_VELOCITY));
+    let joints = bench.joints;
+    let arm =
+        StepInput { joints: Some(&joints), request: Some(Request::Arm), ..StepInput::nothing(bench.now) };
+    let lost = bench.withhold(&arm, Budget::default());
+    assert!(lost.begins && lost.answer == Some(Ok(())));
+    let joints = JointReading { stamp: bench.now, ..joints };
+    let input = StepInput { joints: Some(&joints), ..StepInput::nothing(bench.now) };
+    assert!(bench.withhold(&input, Budget::default()).begins);
+    assert!(bench.tick(&[]).begins);
+    assert!(!bench.tick(&[]).begins);
+    follow(&mut bench, 1.5);
 }
 
 /// Where joints cannot do what is planned, the next plan must begin with their velocity at that time, which

@@ -132,7 +132,6 @@ fn live(seed: u64, ticks: u32, spite: f64, servo_ns: u64) -> u32 {
         let effort = poisoned_effort(seed, tick, bench.now);
         let restless = bench.last.is_none() || rng.random_bool(0.02 * spite);
         let input = StepInput {
-            now: bench.now,
             pen: &samples,
             joints: (!rng.random_bool(0.05 * spite)).then_some(&joints),
             effort: Some(&effort),
@@ -144,14 +143,17 @@ fn live(seed: u64, ticks: u32, spite: f64, servo_ns: u64) -> u32 {
             } else {
                 (restless && rng.random_bool(0.2)).then(|| request(&mut rng))
             },
-            halt: None,
             weights: sabotage.then_some(&weights),
+            ..StepInput::nothing(bench.now)
         };
         let budget = Budget {
             max_iterations: if rng.random_bool(0.1 * spite) { rng.random_range(0..3) } else { 100 },
             shed: rng.random_bool(0.05 * spite),
         };
-        let output = bench.step(&input, budget);
+        // Dice of its own, so that the rest of a run keeps its.
+        let dice = seed.wrapping_mul(0x9e37_79b9).wrapping_add(u64::from(tick) * 0x2545_f491);
+        let withheld = dice.is_multiple_of(97);
+        let output = if withheld { bench.withhold(&input, budget) } else { bench.step(&input, budget) };
         moving += u32::from(output.command.is_some_and(|command| command.qd.iter().any(|qd| *qd != 0.0)));
         let named = output.tool.iter().chain(&output.reference).all(|x| x.is_finite());
         assert!(output.predictor_band.is_none_or(|band| band >= 0.0 && band.is_finite()));

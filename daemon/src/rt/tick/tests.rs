@@ -268,3 +268,24 @@ fn a_leaving_loop_brings_the_arm_to_rest_and_lets_go() {
     assert!(ticks > 1, "an arm in motion cannot stop at once");
     assert!(bench.joints.qd.iter().all(|qd| qd.abs() < 1e-9), "{:?}", bench.joints.qd);
 }
+
+#[test]
+fn a_command_that_is_over_before_it_is_sent_stays_unsent_and_the_arm_goes_on_from_the_one_before() {
+    let mut bench = Bench::new();
+    bench.ask(1, Request::Arm);
+    let before = bench.follow(800);
+    let period = bench.tick.period_ns;
+    // Each reading of the clock inside the step takes longer than a command is valid.
+    bench.clock.1.set(50_000_000);
+    let held_up = bench.run(0);
+    bench.clock.1.set(100);
+    assert!(held_up.not_sent && held_up.output.command.is_some());
+    assert_eq!(held_up.ports.commands_sent, before.ports.commands_sent);
+    assert_eq!(bench.joints.q, before.output.command.unwrap().q);
+    bench.release += 300 * period;
+    // What is sent from here on is continuous with what was sent before, as the checker sees it.
+    let after = bench.run(0);
+    assert!(after.given.unsent && !after.not_sent);
+    assert_eq!((after.output.mode, after.output.stop_reason), (Mode::Stopped, StopReason::TimeLost));
+    assert!(!bench.run(0).given.unsent);
+}

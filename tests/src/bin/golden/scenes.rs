@@ -207,14 +207,13 @@ impl<'a> World<'a> {
                 weights = Some(bad);
             }
             let input = StepInput {
-                now,
                 pen: &pen,
                 joints: self.joints_arrive(tick).then_some(&joints),
-                effort: None,
                 enable: self.enable(tick, now),
                 request: self.request(tick),
                 halt: self.halt(tick),
                 weights: weights.as_ref(),
+                ..StepInput::nothing(now)
             };
             let output = self.follower.step(&input, budget, &mut NoClock);
             // What the learner promotes reaches the law with the next tick.

@@ -160,9 +160,31 @@ struct Held<const J: usize> {
     command: Commanded<J>,
     valid_until: Stamp,
     kinematics: Kinematics<J>,
+    /// What the last step made, and what consumers have for sure: the one before until that one was sent.
+    made: Offer<J>,
+    sent: Offer<J>,
+    /// Nothing was sent since the arm was taken over.
+    fresh: bool,
 }
 
-state! { whole [const J: usize] Held<J> { command, valid_until, kinematics } }
+state! { whole [const J: usize] Held<J> { command, valid_until, kinematics, made, sent, fresh } }
+
+impl<const J: usize> Held<J> {
+    /// An arm that is taken over.
+    const fn new(command: Commanded<J>, valid_until: Stamp, kinematics: Kinematics<J>) -> Self {
+        let made = Offer { command, valid_until };
+        Self { command, valid_until, kinematics, made, sent: made, fresh: true }
+    }
+}
+
+/// A command as it leaves a step.
+#[derive(Debug, Clone, Copy)]
+struct Offer<const J: usize> {
+    command: Commanded<J>,
+    valid_until: Stamp,
+}
+
+state! { whole [const J: usize] Offer<J> { command, valid_until } }
 
 /// Evidence of the last solves, repeated where a tick solved nothing.
 #[derive(Debug, Clone, Copy, Default)]

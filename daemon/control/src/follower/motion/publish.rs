@@ -3,7 +3,7 @@
 
 use nalgebra::Vector3;
 
-use super::{Mover, Planned};
+use super::{Mover, Offer, Planned};
 use crate::arm::servo::Servo;
 use crate::follower::io::Health;
 use crate::units::{AxisState, Stamp};
@@ -25,6 +25,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         self.issued = held.command.stamp();
         held.valid_until = held.command.stamp() + self.valid_ns;
         held.kinematics = self.chain.forward(held.command.q());
+        held.made = Offer { command: held.command, valid_until: held.valid_until };
         u32::from(verdict.reasons.bits())
     }
 

@@ -5,7 +5,7 @@
 
 use nalgebra::Vector3;
 
-use super::{Held, Mover};
+use super::{Held, Mover, Offer};
 use crate::follower::io::{Health, Refusal};
 use crate::guard::{Commanded, StopProfile, consumer_state};
 use crate::units::{AxisState, Stamp};
@@ -26,7 +26,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         self.reach = 1.0;
         self.approaching = true;
         self.height = self.plane.lift_height;
-        self.held = Some(Held { command, valid_until: start + self.valid_ns, kinematics });
+        self.held = Some(Held::new(command, start + self.valid_ns, kinematics));
         self.kept = None;
         Ok(())
     }
@@ -42,6 +42,20 @@ impl<const N: usize, const J: usize> Mover<N, J> {
     /// The commanded state is at rest.
     pub(in crate::follower) fn at_rest(&self) -> bool {
         self.held.as_ref().is_none_or(|held| StopProfile::is_done(&held.command))
+    }
+
+    /// The last step's command was sent, or consumers still follow the one before. Returns whether that one
+    /// should have been their first.
+    pub(in crate::follower) fn settle(&mut self, unsent: bool) -> bool {
+        let Some(held) = &mut self.held else { return false };
+        if unsent {
+            let Offer { command, valid_until } = held.sent;
+            (held.command, held.valid_until) = (command, valid_until);
+            held.kinematics = self.chain.forward(command.q());
+        } else {
+            (held.sent, held.fresh) = (held.made, false);
+        }
+        held.fresh
     }
 
     /// Puts the commanded state where consumers are at `now`, if periods were lost since the last command.

@@ -177,6 +177,8 @@ pub(crate) struct Bench {
     pub(crate) now: Stamp,
     pub(crate) joints: JointReading<6>,
     pub(crate) last: Option<JointCommand<6>>,
+    /// The command of the last step was withheld.
+    pub(crate) unsent: bool,
     /// Joint positions of recent readings: arming starts from one of them.
     shown: Vec<[f64; 6]>,
 }
@@ -192,6 +194,7 @@ impl Bench {
             now,
             joints,
             last: None,
+            unsent: false,
             shown: Vec::new(),
         }
     }
@@ -224,7 +227,8 @@ impl Bench {
     /// Any input; the command is checked in any case, then time advances by one period.
     pub(crate) fn step(&mut self, input: &StepInput<'_, 6>, budget: Budget) -> StepOutput<6> {
         self.shown.extend(input.joints.map(|joints| joints.q));
-        let output = self.follower.step(input, budget, &mut NoClock);
+        let input = StepInput { unsent: std::mem::take(&mut self.unsent), ..*input };
+        let output = self.follower.step(&input, budget, &mut NoClock);
         if let Some(command) = output.command {
             if output.begins {
                 // Armed anew: continuity is with the arm, not with earlier commands.
@@ -241,6 +245,16 @@ impl Bench {
             self.joints.qd = command.qd;
         }
         self.last = output.command;
+        self.now = self.now + PERIOD_NS;
+        output
+    }
+
+    /// A step whose command reaches nobody; then time advances by one period.
+    pub(crate) fn withhold(&mut self, input: &StepInput<'_, 6>, budget: Budget) -> StepOutput<6> {
+        self.shown.extend(input.joints.map(|joints| joints.q));
+        let input = StepInput { unsent: std::mem::take(&mut self.unsent), ..*input };
+        let output = self.follower.step(&input, budget, &mut NoClock);
+        self.unsent = output.command.is_some();
         self.now = self.now + PERIOD_NS;
         output
     }

@@ -67,6 +67,6 @@ fn ur_arm_that_is_switched_off_stops_the_loop() {
     scene.watcher.rests();
     // Power alone moves nothing.
     scene.order("power-up");
-    scene.watcher.stands_for_a_second("switched on again");
+    scene.watcher.stands_for_a_second().expect("switched on again, it stands until it is armed");
     go_on(&mut scene, &["power-up"]);
 }

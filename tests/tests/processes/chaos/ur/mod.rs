@@ -55,8 +55,14 @@ fn rounds_of(
             scene.judge(&when, braked == Braked::ByProgram);
             mend(&mut scene);
             scene.restart_missing();
-            if after == After::Stands {
-                scene.watcher.stands_for_a_second(&when);
+            if after == After::Stands
+                && let Err(moved) = scene.watcher.stands_for_a_second()
+            {
+                let status = scene.world.status(0);
+                panic!(
+                    "{when}: it moved before it was armed: {moved}, {} {}",
+                    status["mode"], status["stop"]
+                );
             }
             scene.follow();
         }

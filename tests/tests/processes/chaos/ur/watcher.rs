@@ -136,8 +136,9 @@ impl Watcher {
         })
     }
 
-    /// For a second of the controller's clock from now, and since it came to rest, nothing moves.
-    pub(super) fn stands_for_a_second(&self, when: &str) {
+    /// For a second of the controller's clock from now, and since it came to rest, nothing moves; otherwise
+    /// how it did.
+    pub(super) fn stands_for_a_second(&self) -> Result<(), String> {
         let since = self.rests();
         let now = self.seen().last().expect("it is watched").t;
         until("a second of the controller passes", || {
@@ -147,7 +148,7 @@ impl Watcher {
         let mut after = seen.iter().filter(|sight| sight.t >= since);
         let stood = *after.next().expect("it is watched");
         let moved = after.find(|sight| !near(sight, &stood));
-        assert!(moved.is_none(), "{when}: it moved before it was armed: {moved:?} from {stood:?}");
+        moved.map_or(Ok(()), |moved| Err(format!("now is {now}, {moved:?} from {stood:?}")))
     }
 
     /// No state since it was last told to forget was out of what the arm may do.

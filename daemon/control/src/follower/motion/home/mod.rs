@@ -204,8 +204,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         let command = Commanded::at_rest(start, *q).ok_or(Refusal::OutsideJointLimits)?;
         self.ik.bind(false);
         self.plan_start = None;
-        let kinematics = self.chain.forward(q);
-        self.held = Some(Held { command, valid_until: start + self.valid_ns, kinematics });
+        self.held = Some(Held::new(command, start + self.valid_ns, self.chain.forward(q)));
         self.kept = None;
         self.resynchronise();
         self.arm = self.tool;
