@@ -4,8 +4,8 @@
 use std::sync::Arc;
 
 use foretrace_shm::{
-    HeaderBounds, JOINTS, JointCommand, JointState, Message, PublishError, Publisher, RejectReason,
-    Rejection, Rejections, ServiceError, Subscriber, Validate, command_flags, monotonic_now_ns,
+    ArmNote, HeaderBounds, JOINTS, JointCommand, JointState, Message, NoteWords, PublishError, Publisher,
+    RejectReason, Rejection, Rejections, ServiceError, Subscriber, Validate, command_flags, monotonic_now_ns,
 };
 
 use crate::Foretrace;
@@ -13,6 +13,9 @@ use crate::attach::Leaving;
 
 /// Commands are stamped up to one control period ahead.
 const BOUNDS: HeaderBounds = HeaderBounds { future_ns: 20_000_000, age_ns: u64::MAX };
+
+/// Between two times that a note is sent \[ns\].
+const REPEAT_NS: u64 = 1_000_000_000;
 
 /// Receives joint commands. Those of another boot, replayed, or malformed are refused and counted.
 #[derive(Debug)]
@@ -27,6 +30,11 @@ pub struct Commands {
 #[derive(Debug)]
 pub struct JointStates {
     publisher: Publisher<JointState>,
+    notes: Publisher<ArmNote>,
+    /// The note in force.
+    said: Option<ArmNote>,
+    /// When it is sent again, for a daemon that came later.
+    repeat_ns: u64,
     _leaving: Arc<Leaving>,
 }
 
@@ -80,7 +88,13 @@ impl Foretrace {
     ///
     /// `NoPlace` when another arm reports already.
     pub fn joint_states(&self) -> Result<JointStates, ServiceError> {
-        Ok(JointStates { publisher: self.services.joint_state.publisher()?, _leaving: self.leaving.clone() })
+        Ok(JointStates {
+            publisher: self.services.joint_state.publisher()?,
+            notes: self.services.arm_note.publisher()?,
+            said: None,
+            repeat_ns: 0,
+            _leaving: self.leaving.clone(),
+        })
     }
 }
 
@@ -156,6 +170,35 @@ pub enum StateError {
 }
 
 impl JointStates {
+    /// From the next joint state on, `text` is why the arm does not follow, and `to_do` what an operator can
+    /// do about it; both are cut after 192 bytes and shown to every operator. Does nothing where that is
+    /// said already.
+    pub fn say(&mut self, text: &str, to_do: &str) {
+        let words = NoteWords::new(text, to_do);
+        if self.said.as_ref().is_some_and(|said| said.words == words) {
+            return;
+        }
+        let now_ns = monotonic_now_ns();
+        // Another one than the last, also of a process that was there before.
+        let drawn = (now_ns / 1000) as u32 | 1;
+        let number = self.said.as_ref().map_or(drawn, |said| said.number.wrapping_add(2));
+        self.said = Some(ArmNote { since_ns: now_ns, number, words, ..ArmNote::default() });
+        self.repeat(now_ns);
+    }
+
+    /// Nothing keeps the arm from following any more.
+    pub fn say_nothing(&mut self) {
+        self.said = None;
+    }
+
+    /// Sends the note; one that gets lost is sent again with a later state.
+    fn repeat(&mut self, now_ns: u64) {
+        if let Some(note) = self.said {
+            let _ = self.notes.publish(now_ns, note);
+            self.repeat_ns = now_ns.saturating_add(REPEAT_NS);
+        }
+    }
+
     /// Report the arm's state, measured at `stamp_ns` on this host's monotonic clock; the header is filled
     /// in. What the daemon would refuse, degrees or NaN for example, is refused here. Returns whether the
     /// daemon was connected.
@@ -163,9 +206,14 @@ impl JointStates {
     /// # Errors
     ///
     /// See [`StateError`]; nothing is sent then.
-    pub fn publish(&mut self, stamp_ns: u64, state: JointState) -> Result<bool, StateError> {
+    pub fn publish(&mut self, stamp_ns: u64, mut state: JointState) -> Result<bool, StateError> {
         state.validate()?;
-        let ahead_ns = stamp_ns.saturating_sub(monotonic_now_ns());
+        let now_ns = monotonic_now_ns();
+        state.line.note = self.said.as_ref().map_or(0, |said| said.number);
+        if now_ns >= self.repeat_ns {
+            self.repeat(now_ns);
+        }
+        let ahead_ns = stamp_ns.saturating_sub(now_ns);
         if ahead_ns > HeaderBounds::DEFAULT.future_ns {
             let [ahead_s, bound_s] = [ahead_ns, HeaderBounds::DEFAULT.future_ns].map(|ns| ns as f64 * 1e-9);
             let future = Rejection::new(RejectReason::FromTheFuture, "stamp_ns");

@@ -47,11 +47,11 @@ foretrace_shm::debug_is_sentence!(
 );
 
 pub use foretrace_shm::{
-    ArmLag, ArmLine, AskError, Chain, Claimant, ControlOp, ControlResponse, ControlStatus, Counters,
+    ArmLag, ArmLine, ArmNote, AskError, Chain, Claimant, ControlOp, ControlResponse, ControlStatus, Counters,
     DaemonMark, EffortUnit, Enable, FaultReason, GhostState, HeaderBounds, Holder, HolderKind, Instance,
-    InstanceError, JOINTS, JointCommand, JointState, LATENCY_BINS, Latency, Mode, ORDER_AHEAD_NS, PenSample,
-    Percentiles, Place, PlaceError, PredictorName, PublishError, Refused, RejectField, RejectReason,
-    Rejection, Rejections, RobotMode, Rung, SafetyMode, ServiceError, SolverPath, Stage, Status, StopCause,
-    StopDetail, TickRecord, ToolExtent, Tracking, TrustReason, Validate, WayHome, arm_flags, command_flags,
-    guard_mask, health, host_boot_id, missing_rights, monotonic_now_ns, pen_flags,
+    InstanceError, JOINTS, JointCommand, JointState, LATENCY_BINS, Latency, Mode, NoteWords, ORDER_AHEAD_NS,
+    PenSample, Percentiles, Place, PlaceError, PredictorName, PublishError, Refused, RejectField,
+    RejectReason, Rejection, Rejections, RobotMode, Rung, SafetyMode, ServiceError, SolverPath, Stage,
+    Status, StopCause, StopDetail, TickRecord, ToolExtent, Tracking, TrustReason, Validate, WayHome,
+    arm_flags, command_flags, guard_mask, health, host_boot_id, missing_rights, monotonic_now_ns, pen_flags,
 };

@@ -21,6 +21,7 @@ use crate::problem::{ConfigError, Problem};
 use crate::remarks;
 use crate::robot::Robot;
 use crate::settings::Settings;
+use crate::unarmed;
 use crate::written::{Place, Raw};
 
 /// Settings that are complete, inside their ranges, and fit together.
@@ -280,7 +281,12 @@ impl Draft {
                 *prior = prior.take().map(|name| resolved(&name, &folder, |name| name == SHIPPED_PRIOR.name));
                 let built = check(&settings, &found, &whole, &mut problems, &files);
                 if let (Some((robot, models, prior)), true) = (built, problems.is_empty()) {
-                    return Ok(Config { settings, robot, models, prior, found, name: whole.to_string() });
+                    let name = whole.to_string();
+                    let config = Config { settings, robot, models, prior, found, name };
+                    match unarmed::at_home(&config) {
+                        None => return Ok(config),
+                        Some(problem) => problems.push(problem),
+                    }
                 }
             }
         }

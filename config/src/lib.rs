@@ -27,6 +27,7 @@ mod predictor;
 mod follower;
 mod config;
 mod remarks;
+mod unarmed;
 mod live;
 mod render;
 

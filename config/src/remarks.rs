@@ -2,7 +2,7 @@
 //! people.
 
 use foretrace_control::arm::Chain;
-use foretrace_control::follower::{FollowerSettings, Refusal};
+use foretrace_control::follower::FollowerSettings;
 use foretrace_control::predict::{Models, PredictorKind};
 
 use crate::config::Config;
@@ -17,18 +17,16 @@ const WORTH: f64 = 0.01;
 const USUAL_HZ: u32 = 500;
 
 pub(crate) fn remarks(config: &Config) -> Vec<String> {
-    let law = config.follower_settings();
     let mut remarks: Vec<String> =
         network(config.settings(), config.models()).into_iter().chain(rate(config.settings())).collect();
-    remarks.extend(home(&law, &config.robot().home));
     remarks.extend(shapeless(config.settings(), &config.robot().chain));
-    remarks.extend(lowered(config.settings(), &law));
     remarks.extend(torque(config, true));
     remarks
 }
 
 pub(crate) fn notes(config: &Config) -> Vec<String> {
-    torque(config, false)
+    let law = config.follower_settings();
+    lowered(config.settings(), &law).into_iter().chain(torque(config, false)).collect()
 }
 
 /// Reports limits of the joints that their effort does not leave at some poses of the plane. A description
@@ -58,32 +56,30 @@ fn rate(settings: &Settings) -> Option<String> {
     })
 }
 
-/// Reports limits of the plan that are lowered to what the joints allow.
-fn lowered(settings: &Settings, law: &FollowerSettings<JOINTS>) -> Vec<String> {
+/// Reports limits of the plan that are lowered to what the joints allow, all in one line.
+fn lowered(settings: &Settings, law: &FollowerSettings<JOINTS>) -> Option<String> {
     let limits = match settings.mpc.horizon {
         10 => law.plan_limits::<10>(),
         20 => law.plan_limits::<20>(),
         _ => law.plan_limits::<30>(),
     };
-    let horizon_ms = settings.plan_step_s() * 1e3 * f64::from(settings.mpc.horizon);
-    let mut remarks = Vec::new();
+    let mut told = Vec::new();
     for ((name, limits), asked) in ["x", "y", "z"].iter().zip(&limits).zip(&law.mpc.axes) {
         let pairs = [
             ("velocity_mps", limits.velocity_mps, asked.velocity_mps),
             ("acceleration_mps2", limits.acceleration_mps2, asked.acceleration_mps2),
             ("jerk_mps3", limits.jerk_mps3, asked.jerk_mps3),
         ];
-        for (key, counts, asked) in
-            pairs.into_iter().filter(|(_, counts, asked)| *counts < asked * (1.0 - WORTH))
-        {
-            remarks.push(format!(
-                "mpc.limits.{name}.{key} = {asked}: {counts:.4} counts; more the joints do not give, or the \
-                 plan, which looks \
-                 {horizon_ms} ms ahead, sees no stop from it"
-            ));
-        }
+        let lowered = pairs.into_iter().filter(|(_, counts, asked)| *counts < asked * (1.0 - WORTH));
+        told.extend(lowered.map(|(key, counts, asked)| format!("{name}.{key} {asked} to {counts:.3}")));
     }
-    remarks
+    (!told.is_empty()).then(|| {
+        format!(
+            "mpc.limits are lowered to what the joints give, or to what a plan of {} ms sees a stop from: {}",
+            settings.plan_step_s() * 1e3 * f64::from(settings.mpc.horizon),
+            told.join(", ")
+        )
+    })
 }
 
 /// Reports a `mixture` without a network that the settings did not switch off.
@@ -104,34 +100,6 @@ fn network(settings: &Settings, models: &Models) -> Option<String> {
          silences this)",
         pen.step_ms,
         with.join(", "),
-    ))
-}
-
-/// Reports a home posture at which the arm cannot be armed, as home, pen and paper do not fit together.
-fn home(law: &FollowerSettings<JOINTS>, home: &[f64; JOINTS]) -> Option<String> {
-    let refusal = law.may_arm_at(home).err()?;
-    let kinematics = law.chain.forward(home);
-    let why = match refusal {
-        Refusal::ToolNotAligned => {
-            let tilt = kinematics.rotation.column(2).dot(&law.plane.tool_axis()).clamp(-1.0, 1.0).acos();
-            let most = law.safety.arm_max_tilt;
-            format!("puts the pen's tip tilted by {tilt:.3} rad, more than safety.arm_max_tilt_rad = {most}")
-        }
-        Refusal::ToolOutsideWorkspace => {
-            let [x, y, z] = law.plane.point_from_base(&kinematics.position).into();
-            let margin = law.safety.arm_workspace_margin;
-            format!(
-                "puts the pen's tip [{x:.3}, {y:.3}, {z:.3}] m in the plane's frame, outside of \
-                 plane.workspace_m by more than \
-                 safety.arm_workspace_margin_m = {margin}"
-            )
-        }
-        // Home outside the joint limits is reported where the limits are read.
-        _ => return None,
-    };
-    Some(format!(
-        "robot.home_rad {why}: an arm that stands there, as the simulated one, is not armed; \
-         choose robot.home_rad, robot.tool_m and plane.origin_m together"
     ))
 }
 

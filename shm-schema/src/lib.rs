@@ -23,6 +23,7 @@ pub use wire::{
     AXES, JOINTS,
     arm_lag::ArmLag,
     arm_line::ArmLine,
+    arm_note::{ArmNote, NOTE_BYTES, NoteWords},
     check::{Rejection, Rejections, Validate},
     clock::{host_boot_id, monotonic_now_ns},
     control::{ControlRequest, ControlResponse, MESSAGE_BYTES, ORDER_AHEAD_NS},

@@ -28,7 +28,9 @@ mod ur_sim;
 mod punctual;
 mod play;
 mod gateway;
+mod help;
 mod tablet;
+mod terminal;
 mod console;
 mod record;
 mod flight;
@@ -57,7 +59,7 @@ mod documented;
 
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 use failure::{Cause, EXIT_CODES, Failure};
 use foretraced::alloc_count::CountingAllocator;
@@ -135,7 +137,10 @@ pub fn main() -> ExitCode {
 }
 
 fn program() -> ExitCode {
-    let arguments = match Arguments::try_parse() {
+    let parsed = help::grouped(Arguments::command())
+        .try_get_matches()
+        .and_then(|matches| Arguments::from_arg_matches(&matches));
+    let arguments = match parsed {
         Ok(arguments) => arguments,
         Err(answer) => return output::command_line(&answer),
     };

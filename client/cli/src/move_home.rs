@@ -187,9 +187,9 @@ fn ended(status: &Status) -> Result<WayHome, Failure> {
                 FaultReason::None | FaultReason::Requested => {
                     "`foretrace move home` goes on from there".to_owned()
                 }
-                other => stopped::remedy(other),
+                _ => stopped::told(status).1,
             };
-            let why = stopped::reason(fault, &status.stop);
+            let why = stopped::told(status).0;
             Err(Failure::failed(format_args!("the arm was stopped {left}: {why}"), remedy))
         }
         _ => Err(Failure::failed(

@@ -15,13 +15,24 @@ use serde::Serialize;
 
 use crate::failure::Failure;
 
+/// A line for people, on stdout unless the JSON has it.
+macro_rules! say {
+    ($($arg:tt)*) => { $crate::output::say_line(format_args!($($arg)*)) };
+}
+
+/// A line for people, on stderr in any case.
+macro_rules! note {
+    ($($arg:tt)*) => { $crate::output::note_line(format_args!($($arg)*)) };
+}
+
 static WORDS_TO_STDERR: AtomicBool = AtomicBool::new(false);
 
 /// `--json FILE`, common to every command with a result.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub(crate) struct JsonArgs {
-    /// Also write the result as JSON to FILE; '-' is stdout, which then carries JSON only
-    #[arg(long, value_name = "FILE", global = true)]
+    /// Also write the result as JSON to FILE; without one, or with '-', to stdout, which then carries JSON
+    /// only
+    #[arg(long, value_name = "FILE", global = true, num_args = 0..=1, default_missing_value = "-")]
     pub(crate) json: Option<PathBuf>,
 }
 
@@ -34,7 +45,14 @@ impl JsonArgs {
 
     /// The same, where the work makes the folder `made` in which the file may lie.
     pub(crate) fn claim_beside(&self, made: &Path) -> Result<(), Failure> {
-        self.claim_with(Some(made))
+        self.claim_with(Some(made))?;
+        if holds_results(made) {
+            note!(
+                "{} has files of an earlier run: those of the same name are replaced (--out DIR keeps them)",
+                made.display()
+            );
+        }
+        Ok(())
     }
 
     fn claim_with(&self, made: Option<&Path>) -> Result<(), Failure> {
@@ -92,6 +110,22 @@ impl JsonArgs {
     }
 }
 
+/// Whether a folder has reports or pictures, which a run would replace.
+fn holds_results(folder: &Path) -> bool {
+    let ours = |file: &Path| {
+        file.extension().is_some_and(|end| ["html", "json", "svg"].iter().any(|known| end == *known))
+    };
+    std::fs::read_dir(folder)
+        .is_ok_and(|mut files| files.any(|file| file.is_ok_and(|file| ours(&file.path()))))
+}
+
+/// Says that `file` is replaced, if it is there.
+pub(crate) fn note_replaced(file: &Path, option: &str) {
+    if file.exists() {
+        note!("{} of an earlier run is replaced ({option} keeps it)", file.display());
+    }
+}
+
 /// JSON on stdout. It may be a terminal, so control characters are escaped, which means the same in JSON.
 fn put(json: &str) {
     quietly(io::stdout().write_all(plain_lines(json).as_bytes()).and_then(|()| io::stdout().flush()));
@@ -104,6 +138,16 @@ pub(crate) fn say_line(line: Arguments<'_>) {
     } else {
         let line = line.to_string();
         quietly(writeln!(io::stdout(), "{}", plain_lines(&line)));
+    }
+}
+
+/// Prints lines for people in a colour of the terminal (SGR, ECMA-48 8.3.117), if one is given.
+pub(crate) fn paint(lines: &str, colour: Option<u8>) {
+    match colour.filter(|_| !WORDS_TO_STDERR.load(Ordering::Relaxed)) {
+        Some(colour) => {
+            quietly(writeln!(io::stdout(), "\x1b[1;{colour}m{}\x1b[0m", plain_lines(lines)));
+        }
+        None => say_line(format_args!("{lines}")),
     }
 }
 
@@ -140,16 +184,6 @@ pub(crate) fn command_line(answer: &clap::Error) -> ExitCode {
 /// Stderr is a terminal, so that progress may be drawn.
 pub(crate) fn may_draw() -> bool {
     io::stderr().is_terminal()
-}
-
-/// A line for people, on stdout unless the JSON has it.
-macro_rules! say {
-    ($($arg:tt)*) => { $crate::output::say_line(format_args!($($arg)*)) };
-}
-
-/// A line for people, on stderr in any case.
-macro_rules! note {
-    ($($arg:tt)*) => { $crate::output::note_line(format_args!($($arg)*)) };
 }
 
 pub(crate) use {note, say};

@@ -12,11 +12,24 @@ use crate::values;
 #[derive(Debug, Clone, Default, clap::Args)]
 pub(crate) struct InstanceArgs {
     /// Number of the daemon's instance; two daemons on one machine need two numbers [default: 0]
-    #[arg(long, value_name = "N", global = true, value_parser = clap::value_parser!(u32).range(0..=99))]
+    #[arg(
+        long,
+        value_name = "N",
+        global = true,
+        env = "FORETRACE_INSTANCE",
+        value_parser = clap::value_parser!(u32).range(0..=99)
+    )]
     pub(crate) instance: Option<u32>,
 
     /// Folder for the shared memory's bookkeeping, for tests and private demos (at most 38 bytes)
-    #[arg(long, value_name = "DIR", global = true, hide_short_help = true, value_parser = values::root)]
+    #[arg(
+        long,
+        value_name = "DIR",
+        global = true,
+        hide_short_help = true,
+        env = "FORETRACE_ROOT",
+        value_parser = values::root
+    )]
     pub(crate) root: Option<PathBuf>,
 }
 

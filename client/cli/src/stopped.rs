@@ -1,6 +1,6 @@
 //! A latched stop in words: the reason, its evidence, the setting that bounds it, and the remedy.
 
-use foretrace_client::{FaultReason, StopDetail};
+use foretrace_client::{FaultReason, Status, StopDetail};
 
 /// From this share of time in which some program waited for a CPU the machine is called busy \[%\].
 const BUSY_PERCENT: f64 = 20.0;
@@ -40,6 +40,20 @@ fn waited_percent() -> Option<f64> {
 fn some_waited(text: &str) -> Option<f64> {
     let words = text.lines().find_map(|line| line.strip_prefix("some "))?;
     words.split_whitespace().find_map(|word| word.strip_prefix("avg10=")?.parse().ok())
+}
+
+/// Why an arm is stopped, and what to do about it: in the words of the arm's process, where it says why.
+pub(crate) fn told(status: &Status) -> (String, String) {
+    let fault = FaultReason::try_from(status.fault).unwrap_or(FaultReason::Internal);
+    let of_the_arm = matches!(fault, FaultReason::RobotStopped | FaultReason::JointStateStale);
+    let said = of_the_arm.then(|| status.note.text()).flatten();
+    match said {
+        Some(text) => {
+            let to_do = status.note.to_do().map_or(String::new(), |to_do| format!("{to_do}; "));
+            (format!("{}: {text}", fault.label()), format!("{to_do}then `foretrace request arm`"))
+        }
+        None => (reason(fault, &status.stop), remedy(fault)),
+    }
 }
 
 /// How long an arm's process got no CPU, in words.
@@ -101,7 +115,7 @@ const fn what_to_do(fault: FaultReason) -> &'static str {
 
 #[cfg(test)]
 mod tests {
-    use foretrace_client::StopCause;
+    use foretrace_client::{NoteWords, StopCause};
 
     use super::*;
 
@@ -139,6 +153,20 @@ mod tests {
         for other in ["", "some", "full avg10=3.00", "some avg10=x avg60=1"] {
             assert_eq!(some_waited(other), None, "{other}");
         }
+    }
+
+    #[test]
+    fn what_the_arm_s_process_says_takes_the_place_of_the_general_words() {
+        let note = NoteWords::new("speed scaling is at 50 %", "set the speed slider to 100 %");
+        let status = Status { fault: FaultReason::RobotStopped.into(), note, ..Status::default() };
+        let (why, to_do) = told(&status);
+        assert!(why.ends_with(": speed scaling is at 50 %"), "{why}");
+        assert_eq!(to_do, "set the speed slider to 100 %; then `foretrace request arm`");
+        let silent = Status { note: NoteWords::default(), ..status };
+        assert_eq!(told(&silent).1, remedy(FaultReason::RobotStopped));
+        // Of another stop it is not the reason.
+        let other = Status { fault: FaultReason::DeadMan.into(), ..status };
+        assert_eq!(told(&other).1, remedy(FaultReason::DeadMan));
     }
 
     #[test]

@@ -144,6 +144,11 @@ fn metres(value: f64) -> f64 {
     (value * 1e5).round() / 1e5
 }
 
+/// Radians to a millionth.
+fn micro_rad(value: f64) -> f64 {
+    (value * 1e6).round() / 1e6
+}
+
 /// Metres in whole micrometres; none below zero.
 fn micro(value: f64) -> Option<f64> {
     (value >= 0.0).then_some((value * 1e6).round())
@@ -196,6 +201,13 @@ fn state(status: &Status, remedy: &Remedy) -> Value {
         "pen_samples": status.counters.pen_received,
         "pen_rejected": status.counters.pen_rejected.total(),
         "arm_age_ms": ms(status.joint_state_age_ns),
+        "joints_rad": ms(status.joint_state_age_ns).map(|_| status.joints_q.map(micro_rad)),
+        "tool_m": ms(status.joint_state_age_ns).map(|_| status.tool_plane_m.map(metres)),
+        "arm_note": status.note.text().map(|text| json!({
+            "text": text,
+            "to_do": status.note.to_do(),
+            "age_s": now_ns.saturating_sub(status.note_since_ns) as f64 * 1e-9,
+        })),
         "chain_ms": {
             "reader": ms(status.chain.pen_reader_ns),
             "transport": ms(status.chain.pen_transport_ns),

@@ -155,7 +155,7 @@ pub fn what_if(path: &Path, variants: &[Variant], threads: usize) -> Result<Answ
         return Err(WhatIfError::TooLittle { what: "no armed loop" });
     }
     let toml = settings.ok_or(WhatIfError::TooLittle { what: "no settings of its armed loop" })?;
-    let recorded = Variant { name: "recorded settings".to_owned(), changes: Vec::new() };
+    let recorded = Variant { name: "recorded settings, learner cold".to_owned(), changes: Vec::new() };
     let all: Vec<&Variant> = std::iter::once(&recorded).chain(variants).collect();
     // All settings are judged before the first is run.
     let mut jobs = Vec::new();

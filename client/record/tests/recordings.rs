@@ -400,7 +400,10 @@ fn another_law_is_judged_by_the_same_hand_behind_the_arm_of_the_recording() {
     let answer = what_if(&file, &variants, 2).unwrap_or_else(|error| panic!("{error}"));
     let rms = |row: usize| answer.rows[row].rms_mm;
     let names: Vec<_> = answer.rows.iter().map(|row| row.name.as_str()).collect();
-    assert_eq!(names, ["as recorded", "recorded settings", "predictor=hold", "trust=0", "trust=1"]);
+    assert_eq!(
+        names,
+        ["as recorded", "recorded settings, learner cold", "predictor=hold", "trust=0", "trust=1"]
+    );
     println!("{answer:#?}");
     assert!((answer.arm.lag_s() - lag_s).abs() < 3e-3, "{} for {lag_s}", answer.arm.lag_s());
     assert!(answer.arm_misfit_mm < 0.2, "{} mm", answer.arm_misfit_mm);

@@ -292,19 +292,20 @@ fn an_arm_of_ones_own_does_not_inherit_the_presets_pen() {
 }
 
 #[test]
-fn a_home_where_the_arm_would_not_be_armed_is_told() {
-    let remarks = |text: &str| over_ur5(text).unwrap().remarks();
-    assert_eq!(remarks(""), Vec::<String>::new());
-    let below = remarks("[robot]\ntool_m = [0.0, 0.0, 0.4]\n");
-    assert!(
-        below.len() == 1 && below.iter().all(|r| r.contains("-0.240] m in the plane's frame")),
-        "{below:?}"
-    );
-    let tilted = remarks(
+fn a_home_where_the_arm_can_never_be_armed_is_refused() {
+    let refused = |text: &str| over_ur5(text).unwrap_err().to_string();
+    let below = refused("[robot]\ntool_m = [0.0, 0.0, 0.4]\n");
+    for words in ["key `robot.home_rad`", "-0.240] m in the plane's frame", "can never be armed"] {
+        assert!(below.contains(words), "{words}: {below}");
+    }
+    let tilted = refused(
         "[robot]\ntool_m = [0.0, 0.0, 0.15]\n[safety]\narm_max_tilt_rad = 0.3\n[plane]\nnormal = [0.0, 0.35, \
          0.93675]\nx_axis = [0.0, -0.93675, 0.35]\n",
     );
-    assert!(tilted.len() == 1 && tilted.iter().all(|r| r.contains("tilted by 0.358 rad")), "{tilted:?}");
+    assert!(tilted.contains("tilted by 0.358 rad"), "{tilted}");
+    // A paper beside the arm that the settings were written for.
+    let beside = refused("[plane]\norigin_m = [0.416, -0.114, 0.068]\n");
+    assert!(beside.contains("choose robot.home_rad, robot.tool_m and plane.origin_m together"), "{beside}");
 }
 
 #[test]

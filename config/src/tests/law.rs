@@ -222,9 +222,15 @@ fn what_a_slow_loop_costs_and_limits_that_do_not_count_are_told() {
     let remarks = |text: &str| over_ur5(text).unwrap().remarks();
     let slow = remarks("[loop]\nrate_hz = 125\n[pen]\nstep_ms = 8\n");
     assert!(slow.iter().any(|told| told.contains("loop.rate_hz = 125") && told.contains("8 ms")), "{slow:?}");
-    let fast = remarks("[mpc.limits.z]\nvelocity_mps = 0.5\n");
-    assert_eq!(fast.len(), 1, "{fast:?}");
-    assert!(fast.iter().all(|r| r.contains("mpc.limits.z.velocity_mps = 0.5: 0.1875 counts")), "{fast:?}");
+    let notes = |text: &str| over_ur5(text).unwrap().notes();
+    let fast = notes("[mpc.limits.z]\nvelocity_mps = 0.5\n[mpc.limits.x]\nvelocity_mps = 2.0\n");
+    let lowered: Vec<_> = fast.iter().filter(|note| note.starts_with("mpc.limits are lowered")).collect();
+    assert_eq!(lowered.len(), 1, "{fast:?}");
+    assert!(
+        lowered[0].contains("z.velocity_mps 0.5 to 0.188") && lowered[0].contains("x.velocity_mps 2 to"),
+        "{fast:?}"
+    );
+    assert_eq!(remarks("[mpc.limits.z]\nvelocity_mps = 0.5\n"), Vec::<String>::new());
 }
 
 #[test]

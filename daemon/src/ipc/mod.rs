@@ -4,6 +4,7 @@
 //! peers. May block and allocate; the loop never waits for it. Everything dropped is counted.
 
 pub mod allocation;
+pub mod bearing;
 pub mod chain;
 pub mod ghost;
 pub mod homeward;
@@ -25,6 +26,7 @@ use tracing::{debug, error};
 
 use foretrace_control::extent::ExtentWatch;
 use foretrace_control::follower::{Mode, Request};
+use foretrace_control::stop::StopReason;
 use foretrace_control::units::{Stamp, Trust};
 use foretrace_shm::{FaultReason, Refused, ServiceError, Status, StopDetail, ToolExtent, WayHome};
 
@@ -36,6 +38,7 @@ use crate::rt::os;
 use crate::rt::tick::IpcRings;
 use crate::wire::{self, JOINTS};
 use allocation::AllocationJudge;
+use bearing::Bearing;
 use chain::ChainWatch;
 use ghost::GhostShell;
 use homeward::Homeward;
@@ -43,7 +46,7 @@ use inputs::Inputs;
 use latency::Latencies;
 use narrator::Narrator;
 use record::IpcTally;
-use requests::{ReloadRequest, Requests};
+use requests::{Known, ReloadRequest, Requests};
 use statistics::{RateMeter, RunningRms, Spreads};
 
 /// Sleep between two rounds; the loop's ring holds a hundred times as much.
@@ -103,6 +106,8 @@ pub struct IpcLinks {
     pub extent: ExtentWatch<JOINTS>,
     /// The way home.
     pub homeward: Homeward,
+    /// Where the arm is, and what is said of it.
+    pub bearing: Bearing,
     /// Inputs for recordings.
     pub inputs: Inputs,
     /// The learner's figures.
@@ -219,13 +224,20 @@ impl Ipc {
             let Ok(facts) = self.links.rings.facts.pop() else { break };
             changed |= self.learn_of(&facts);
         }
+        self.links.bearing.hear(now.0, &mut self.ports.notes);
         self.links.inputs.round(now.0, &mut self.links.rings, &mut self.ports.pieces);
         self.judge.look(now, self.ports.watch.fingerprint());
         while let Ok(event) = self.links.learner.try_recv() {
             self.narrator.learner(&event);
         }
         let (mode, trust) = self.mode_and_trust();
-        self.requests.joints_refused(self.newest.as_ref().and_then(|newest| newest.ports.joints_refused));
+        self.requests.explain_by(self.newest.as_ref().map_or_else(Known::default, |newest| Known {
+            joints_refused: newest.ports.joints_refused,
+            note: self.links.bearing.in_force(newest).map(|note| note.words),
+            stop: (newest.output.stop_reason != StopReason::None).then(|| {
+                (wire::fault(newest.output.stop_reason), wire::stop_detail(&newest.output.stop_detail))
+            }),
+        }));
         self.requests.serve(&mut self.ports.control, &mut self.links, mode, trust);
         if changed || now >= self.next_status {
             self.next_status = now.plus_ns(self.settings.status_period_ns);
@@ -347,6 +359,7 @@ impl Ipc {
         if let Some(newest) = &self.newest {
             let tally = self.tally();
             record::newest_tick(&mut status, newest, &tally, now);
+            self.links.bearing.tell(&mut status, newest);
             let warm = newest.tally.ticks.saturating_sub(self.settings.warm_after_ticks);
             if self.counted {
                 status.allocations_per_tick = tally.allocations as f64 / warm.max(1) as f64;

@@ -11,7 +11,9 @@ use tracing::{info, warn};
 
 use foretrace_control::follower::{Mode, Refusal, Request};
 use foretrace_control::units::{Stamp, Trust};
-use foretrace_shm::{Call, ControlOp, ControlServer, ControlStatus, monotonic_now_ns};
+use foretrace_shm::{
+    Call, ControlOp, ControlServer, ControlStatus, FaultReason, NoteWords, StopDetail, monotonic_now_ns,
+};
 
 use super::IpcLinks;
 use super::homeward::Homeward;
@@ -58,14 +60,48 @@ pub struct Requests {
     at_supervisor: Vec<(Instant, Call, Receiver<ReloadOutcome>)>,
     answered: u64,
     refused: u64,
+    known: Known,
+}
+
+/// What is known of the arm and explains a refusal.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Known {
     /// The newest refused joint state, which may be why there is none.
-    joints_refused: Option<Refused>,
+    pub joints_refused: Option<Refused>,
+    /// What the arm's process says of its arm.
+    pub note: Option<NoteWords>,
+    /// The stop that is latched.
+    pub stop: Option<(FaultReason, StopDetail)>,
+}
+
+impl Known {
+    /// Why, where the refusal alone does not tell.
+    fn why(&self, refusal: Refusal) -> Option<String> {
+        match refusal {
+            Refusal::NoJointState | Refusal::JointStateStale => {
+                let refused = self.joints_refused?;
+                Some(format!("the arm's joint states are refused: {}", refused.why))
+            }
+            Refusal::MotionNotAllowed => {
+                let note = self.note.as_ref()?;
+                let text = note.text()?;
+                Some(note.to_do().map_or(text.clone(), |to_do| format!("{text}; {to_do}")))
+            }
+            Refusal::StopCame => {
+                let (reason, detail) = self.stop.filter(|(reason, _)| *reason != FaultReason::Requested)?;
+                let evidence = detail.to_string();
+                let colon = if evidence.is_empty() { "" } else { ": " };
+                Some(format!("the arm was stopped: {reason}{colon}{evidence}"))
+            }
+            _ => None,
+        }
+    }
 }
 
 impl Requests {
     /// Reloads go to the supervisor through `reload`.
     #[must_use]
-    pub const fn new(reload: Sender<ReloadRequest>) -> Self {
+    pub fn new(reload: Sender<ReloadRequest>) -> Self {
         Self {
             reload,
             next_token: 1,
@@ -73,13 +109,13 @@ impl Requests {
             at_supervisor: Vec::new(),
             answered: 0,
             refused: 0,
-            joints_refused: None,
+            known: Known::default(),
         }
     }
 
-    /// Sets the reason of the newest refused joint state.
-    pub const fn joints_refused(&mut self, refused: Option<Refused>) {
-        self.joints_refused = refused;
+    /// Refusals from here on are explained by this.
+    pub const fn explain_by(&mut self, known: Known) {
+        self.known = known;
     }
 
     /// Requests answered so far, and how many of them with a refusal.
@@ -175,10 +211,9 @@ impl Requests {
             }
             (Asker::Operator(call), Err(refusal)) => {
                 let (status, text) = wire::refusal(refusal);
-                let text = match (refusal, self.joints_refused.filter(|_| missing_joints(refusal))) {
-                    (Refusal::WayBlocked(by), _) => homeward.obstructed(&by),
-                    (_, Some(refused)) => format!("the arm's joint states are refused: {}", refused.why),
-                    _ => text.to_owned(),
+                let text = match refusal {
+                    Refusal::WayBlocked(by) => homeward.obstructed(&by),
+                    other => self.known.why(other).unwrap_or_else(|| text.to_owned()),
                 };
                 self.answer(*call, status, answer.mode, answer.trust, &text);
             }
@@ -222,9 +257,4 @@ impl Requests {
         // An operator that is gone needs no answer.
         let _ = call.answer(status, trust.alpha(), wire::mode(mode).into(), text);
     }
-}
-
-/// Whether the refusal may be due to missing joint states.
-const fn missing_joints(refusal: Refusal) -> bool {
-    matches!(refusal, Refusal::NoJointState | Refusal::JointStateStale)
 }

@@ -118,6 +118,8 @@ pub struct IpcPorts {
     pub inputs: Publisher<shm::TickInput>,
     /// Settings, weights and states in pieces.
     pub pieces: Publisher<shm::Piece>,
+    /// What the arm's process says of its arm.
+    pub notes: Subscriber<shm::ArmNote>,
     /// Requests from operators.
     pub control: ControlServer,
     /// The connected peers.
@@ -138,6 +140,7 @@ impl IpcPorts {
             status: services.status.publisher()?,
             inputs: services.inputs.publisher()?,
             pieces: services.pieces.publisher()?,
+            notes: services.arm_note.subscriber(shm::ArmNote::QOS.buffer, HeaderBounds::DEFAULT)?,
             control: services.control.server(daemon_id)?,
             watch: PeerWatch::open(&config)?,
             config,

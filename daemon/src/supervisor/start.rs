@@ -17,6 +17,7 @@ use super::hearing::Hearing;
 use super::notify::Manager;
 use super::{Daemon, OPENING, STOPPING, settings_hash};
 use crate::error::DaemonError;
+use crate::ipc::bearing::Bearing;
 use crate::ipc::ghost::GhostShell;
 use crate::ipc::homeward::Homeward;
 use crate::ipc::inputs::Inputs;
@@ -109,6 +110,7 @@ impl Daemon {
             ghost,
             extent: ExtentWatch::new(&config.follower_settings()),
             homeward: Homeward::new(config.follower_settings()),
+            bearing: Bearing::new(&config.follower_settings()),
             inputs: Inputs::new(settings.daemon_id, config.render(), copied),
             board,
             learner: learner_tells,

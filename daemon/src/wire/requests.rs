@@ -80,7 +80,10 @@ pub const fn refusal(refusal: Refusal) -> (ControlStatus, &'static str) {
             ControlStatus::Jump,
             "the tool does not point at the writing plane: `foretrace move home`, or turn it by hand",
         ),
-        Refusal::EnableMissing => (ControlStatus::NotEnabled, "the dead-man switch is required and not held"),
+        Refusal::EnableMissing => (
+            ControlStatus::NotEnabled,
+            "the dead-man switch is required and not held: `foretrace enable`, or hold to run in the console",
+        ),
         Refusal::StillStopping => (ControlStatus::WrongMode, "the arm is still being stopped: ask again"),
         Refusal::StopCame => (
             ControlStatus::StopCame,

@@ -60,7 +60,7 @@ impl<T: Message> Topic<T> {
                     service: T::SERVICE,
                     what: "publishers",
                     limit: T::QOS.publishers,
-                    pids: Vec::new(),
+                    pids: self.publishers(),
                 },
                 other => ServiceError::Middleware { service: T::SERVICE, detail: other.to_string() },
             })?;
@@ -110,6 +110,17 @@ impl<T: Message> Topic<T> {
     pub fn subscribers(&self) -> Vec<u32> {
         let mut pids = Vec::with_capacity(T::QOS.subscribers);
         self.factory.dynamic_config().list_subscribers(|peer| {
+            pids.push(peer.node_id.pid().value() as u32);
+            CallbackProgression::Continue
+        });
+        pids.sort_unstable();
+        pids
+    }
+
+    /// Processes that publish now.
+    fn publishers(&self) -> Vec<u32> {
+        let mut pids = Vec::with_capacity(T::QOS.publishers);
+        self.factory.dynamic_config().list_publishers(|peer| {
             pids.push(peer.node_id.pid().value() as u32);
             CallbackProgression::Continue
         });

@@ -184,7 +184,27 @@ fn listed(files: &[PathBuf]) -> String {
 
 /// Who holds places, if that is known.
 fn by(pids: &[u32]) -> String {
-    if pids.is_empty() { String::new() } else { format!(", by processes {pids:?}") }
+    let names: Vec<String> = pids.iter().map(|pid| program(*pid)).collect();
+    if names.is_empty() { String::new() } else { format!(", by {}", names.join(", ")) }
+}
+
+/// The program of a process and its first word, which says what one of ours does: `foretrace metrics`
+/// (process 812).
+fn program(pid: u32) -> String {
+    let line = std::fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
+    let words: Vec<String> = line.split(|byte| *byte == 0).take(2).map(shown).collect();
+    let name = words.first().map_or("", |first| first.rsplit('/').next().unwrap_or(first));
+    let verb = words.get(1).map(String::as_str).filter(|word| !word.is_empty() && !word.starts_with('-'));
+    match (name, verb) {
+        ("", _) => format!("process {pid}"),
+        (name, None) => format!("`{name}` (process {pid})"),
+        (name, Some(verb)) => format!("`{name} {verb}` (process {pid})"),
+    }
+}
+
+/// At most 200 characters of a foreign word, without those that would do something to a terminal.
+fn shown(word: &[u8]) -> String {
+    String::from_utf8_lossy(word).chars().map(|c| if c.is_control() { '?' } else { c }).take(200).collect()
 }
 
 /// Remedy if no daemon runs.
@@ -294,6 +314,18 @@ mod tests {
     use super::*;
     use crate::wire::check::Rejection;
     use crate::wire::vocabulary::RejectReason;
+
+    #[test]
+    fn holders_of_places_are_named() {
+        let told = by(&[std::process::id(), u32::MAX]);
+        let (here, gone) = told.split_once("), ").unwrap();
+        assert!(
+            here.starts_with(", by `") && here.ends_with(&format!("(process {}", std::process::id())),
+            "{told}"
+        );
+        assert_eq!(gone, format!("process {}", u32::MAX));
+        assert_eq!(shown(b"a\x1b[2Jb"), "a?[2Jb");
+    }
 
     #[test]
     fn what_main_prints_is_a_sentence_with_a_remedy() {

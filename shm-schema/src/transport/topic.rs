@@ -14,6 +14,7 @@ use iceoryx2::service::port_factory::publish_subscribe;
 
 use super::control_topic::ControlTopic;
 use super::session::{ServiceError, Session};
+use crate::wire::arm_note::ArmNote;
 use crate::wire::check::Validate;
 use crate::wire::header::Header;
 use crate::wire::joints::{Enable, JointCommand, JointState};
@@ -72,6 +73,7 @@ message! {
     PenSample:    "foretrace/pen",         1, 4, 256, 0;
     JointCommand: "foretrace/joint_cmd",   1, 4, 256, 0;
     JointState:   "foretrace/joint_state", 1, 4, 256, 0;
+    ArmNote:      "foretrace/arm_note",    1, 2,   4, 1;
     TickRecord:   "foretrace/telemetry",   1, 3, 256, 0;
     Status:       "foretrace/status",      1, 8,   4, 1;
     Enable:       "foretrace/enable",      1, 2,   4, 0;
@@ -163,6 +165,8 @@ pub struct Services {
     pub joint_cmd: Topic<JointCommand>,
     /// Joint states, to the daemon.
     pub joint_state: Topic<JointState>,
+    /// What the arm's process says of its arm, to the daemon.
+    pub arm_note: Topic<ArmNote>,
     /// Tick records, from the daemon.
     pub telemetry: Topic<TickRecord>,
     /// Status, from the daemon.
@@ -188,6 +192,7 @@ impl Services {
             pen: Topic::create(session)?,
             joint_cmd: Topic::create(session)?,
             joint_state: Topic::create(session)?,
+            arm_note: Topic::create(session)?,
             telemetry: Topic::create(session)?,
             status: Topic::create(session)?,
             enable: Topic::create(session)?,
@@ -207,6 +212,7 @@ impl Services {
             pen: Topic::open(session)?,
             joint_cmd: Topic::open(session)?,
             joint_state: Topic::open(session)?,
+            arm_note: Topic::open(session)?,
             telemetry: Topic::open(session)?,
             status: Topic::open(session)?,
             enable: Topic::open(session)?,

@@ -88,6 +88,8 @@ wire_flags! {
     pub mod arm_flags {
         /// An operator lets the arm move without a dead-man switch.
         WITHOUT_DEAD_MAN = 0 => "without dead-man",
+        /// The arm is simulated: nothing moves.
+        SIMULATED = 1 => "simulated",
     }
 }
 

@@ -43,7 +43,7 @@ wire! {
 
 wire! {
     /// Measured state of the arm.
-    "foretrace.JointStateV4"
+    "foretrace.JointStateV5"
     pub struct JointState {
         /// Stamp: when it was measured, on this host's clock.
         pub header: Header,
@@ -168,7 +168,7 @@ mod tests {
         assert_eq!(state.validate().unwrap_err().field, "robot_mode");
         let state = JointState { effort_unit: 4, ..Default::default() };
         assert_eq!(state.validate(), Err(Rejection::new(RejectReason::UnknownEnum, "effort_unit")));
-        let line = ArmLine { flags: 2, ..Default::default() };
+        let line = ArmLine { flags: 4, ..Default::default() };
         let state = JointState { line, ..Default::default() };
         assert_eq!(state.validate(), Err(Rejection::new(RejectReason::UnknownFlags, "line.flags")));
     }

@@ -16,6 +16,7 @@ pub(crate) mod joints;
 pub(crate) mod counters;
 pub(crate) mod arm_lag;
 pub(crate) mod arm_line;
+pub(crate) mod arm_note;
 pub(crate) mod predictor_name;
 pub(crate) mod tick_record;
 pub(crate) mod refused;

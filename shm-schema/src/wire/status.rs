@@ -6,6 +6,7 @@ use iceoryx2::prelude::ZeroCopySend;
 
 use super::arm_lag::ArmLag;
 use super::arm_line::ArmLine;
+use super::arm_note::NoteWords;
 use super::check::{Rejection, Validate, flags, known};
 use super::counters::Counters;
 use super::flags::{arm_flags, missing_rights};
@@ -17,6 +18,7 @@ use super::refused::Refused;
 use super::stop_detail::{StopCause, StopDetail, ToolExtent};
 use super::tick_record::Chain;
 use super::vocabulary::{FaultReason, Mode, STAGES, Stage, TrustReason, UnknownValue, wire_enum};
+use super::{AXES, JOINTS};
 
 wire! {
     /// Distribution of a duration \[ns\], saturated.
@@ -100,7 +102,7 @@ wire_enum! {
 
 wire! {
     /// State of the daemon. Distributions are over all ticks since start, after warm-up.
-    "foretrace.StatusV7"
+    "foretrace.StatusV8"
     pub struct Status {
         /// Stamp: when it was sent.
         pub header: Header,
@@ -202,6 +204,17 @@ wire! {
         pub way_home: WayHome,
         /// The line to the arm's controller.
         pub arm_line: ArmLine,
+        /// Measured joints \[rad\]; zero while there is no joint state.
+        pub joints_q: [f64; JOINTS],
+        /// The measured tool in the base frame: position \[m\], then rotation vector \[rad\], as a pendant
+        /// shows it.
+        pub tool_base: [f64; 6],
+        /// The measured tool in the plane's frame \[m\]: along the paper, across it, above it.
+        pub tool_plane_m: [f64; AXES],
+        /// When the note of the arm's process came into force \[ns\]; 0: there is none.
+        pub note_since_ns: u64,
+        /// That note.
+        pub note: NoteWords,
         /// Reserved, zero.
         pub reserved: [u64; 2],
     }

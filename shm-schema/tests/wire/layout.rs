@@ -72,7 +72,14 @@ fn layouts_are_pinned() {
             ("reserved", 236, 4),
             ("line", 240, 32),
         ],
-        0xfa3fef3231697b93,
+        0x16a238517d92b9ed,
+    );
+    pinned::<NoteWords>(384, 1, &[("text", 0, 192), ("to_do", 192, 192)], 0x2ecd84fa5adb2537);
+    pinned::<ArmNote>(
+        424,
+        8,
+        &[("header", 0, 24), ("since_ns", 24, 8), ("number", 32, 4), ("reserved", 36, 4), ("words", 40, 384)],
+        0x6466424bf88b2a84,
     );
     pinned::<Enable>(32, 8, &[("header", 0, 24), ("stop", 24, 4), ("reserved", 28, 4)], 0x3c1fff8545064dfc);
     pinned::<PredictorName>(28, 1, &[("bytes", 0, 28)], 0x08c660f65a7c8001);
@@ -137,9 +144,9 @@ fn layouts_are_pinned() {
             ("late_cycles", 8, 8),
             ("lost_commands", 16, 8),
             ("flags", 24, 4),
-            ("reserved", 28, 4),
+            ("note", 28, 4),
         ],
-        0xf94b3ca95fcb86f4,
+        0x68f4722359ce0161,
     );
     pinned::<ArmLag>(
         32,
@@ -236,7 +243,7 @@ fn layouts_are_pinned() {
             ("reserved", 1300, 4),
             ("path_m", 1304, 80),
         ],
-        0x5a119bb3110be1e1,
+        0x217f73a7c1a42105,
     );
     pinned::<Percentiles>(
         16,
@@ -283,7 +290,7 @@ fn layouts_are_pinned() {
         0x795854b8ed6ab48c,
     );
     pinned::<Status>(
-        1472,
+        1984,
         8,
         &[
             ("header", 0, 24),
@@ -333,9 +340,14 @@ fn layouts_are_pinned() {
             ("echo_refused", 1352, 40),
             ("way_home", 1392, 32),
             ("arm_line", 1424, 32),
-            ("reserved", 1456, 16),
+            ("joints_q", 1456, 48),
+            ("tool_base", 1504, 48),
+            ("tool_plane_m", 1552, 24),
+            ("note_since_ns", 1576, 8),
+            ("note", 1584, 384),
+            ("reserved", 1968, 16),
         ],
-        0xeeb8cc78ee517103,
+        0x610453845fe60b55,
     );
     pinned::<ControlRequest>(
         64,

@@ -7,7 +7,9 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use foretrace_client::{JointState, Mode, RobotMode, SafetyMode, host_boot_id, monotonic_now_ns};
+use foretrace_client::{
+    ArmLine, JointState, Mode, RobotMode, SafetyMode, arm_flags, host_boot_id, monotonic_now_ns,
+};
 use foretrace_control::arm::JointLimits;
 use foretrace_control::extent::ExtentWatch;
 use foretrace_control::units::Stamp;
@@ -231,6 +233,7 @@ impl Simulation {
             qd: joints.qd,
             safety_mode: SafetyMode::Normal.into(),
             robot_mode: RobotMode::Running.into(),
+            line: ArmLine { flags: arm_flags::SIMULATED, ..ArmLine::default() },
             ..JointState::default()
         };
         if let Some((command, taken)) = self.intake.newest() {

@@ -16,6 +16,7 @@ use foretrace_ur::bridge::pilot::{Floor, Pilot};
 use foretrace_ur::bridge::probe::{Found, inspect, probe};
 use foretrace_ur::bridge::program::Program;
 use foretrace_ur::bridge::reaction::Phase;
+use foretrace_ur::bridge::reason::Reason;
 use foretrace_ur::bridge::registers::Registers;
 use foretraced::settings_hash;
 use serde::Serialize;
@@ -84,6 +85,9 @@ pub(crate) struct UrArgs {
     json: JsonArgs,
 }
 
+/// How long a bridge that has to be started anew tells the daemon why, before it ends.
+const LAST_WORDS: Duration = Duration::from_secs(2);
+
 /// The result; keys are stable.
 #[derive(Debug, Serialize)]
 struct UrReport {
@@ -148,13 +152,14 @@ pub(crate) fn run(args: &UrArgs) -> Result<(), Failure> {
         judge: Judge::new(config.robot().limits),
         record: args.record.as_deref().map(Record::create).transpose()?,
         without_dead_man: args.without_dead_man && !dead_man,
+        detail: None,
         ready: false,
         not_sent: 0,
     };
     // Last, so that no thread that may wait inherits it; below the daemon's loop, whose commands it sends.
     let priority = punctual::below_the_loop(settings);
     let missing = punctual::ask("arm", priority, args.no_rights);
-    bridge.run(args.seconds, &interrupt);
+    let over = bridge.run(args.seconds, &interrupt);
     if let Some(record) = bridge.record.take() {
         record.finish()?;
     }
@@ -169,7 +174,8 @@ pub(crate) fn run(args: &UrArgs) -> Result<(), Failure> {
     };
     let report = bridge.report(robot);
     summary(&report);
-    args.json.write(&report)
+    args.json.write(&report)?;
+    over.map_or(Ok(()), |reason| Err(Failure::failed(reason.text(), reason.remedy())))
 }
 
 /// What every connection is judged by.
@@ -255,22 +261,31 @@ struct Bridge {
     record: Option<Record>,
     /// Nobody but the emergency stop can stop this arm at once, and somebody said so.
     without_dead_man: bool,
+    /// What the system said about the reason that was told last.
+    detail: Option<String>,
     /// That the arm may be armed has been said.
     ready: bool,
     not_sent: u64,
 }
 
 impl Bridge {
-    fn run(&mut self, seconds: Option<f64>, interrupt: &Interrupt) {
+    /// Until somebody ends it, or the arm cannot follow it any more; then why.
+    fn run(&mut self, seconds: Option<f64>, interrupt: &Interrupt) -> Option<Reason> {
         let end = seconds.map(|seconds| Instant::now() + Duration::from_secs_f64(seconds));
+        let mut over: Option<Instant> = None;
         while !interrupt.is_set() && end.is_none_or(|end| Instant::now() < end) {
             self.turn();
             self.tell();
             if !matches!(self.daemon.look(), News::None | News::Gone) {
                 self.agreement.forget(monotonic_now_ns());
             }
+            over = if self.link.is_over() { over.or_else(|| Some(Instant::now())) } else { None };
+            if over.is_some_and(|since| since.elapsed() > LAST_WORDS) {
+                break;
+            }
         }
         self.link.end();
+        over.and_then(|_| self.link.reason())
     }
 
     fn turn(&mut self) {
@@ -322,9 +337,24 @@ impl Bridge {
 
     fn tell(&mut self) {
         if let Some((reason, detail)) = self.link.news() {
-            match detail {
+            match &detail {
                 Some(detail) => note!("arm: {reason} ({detail})"),
                 None => note!("arm: {reason}"),
+            }
+            self.detail = detail;
+        }
+        if let Some(ports) = &mut self.daemon.ports {
+            match self.link.hindrance() {
+                Some(Reason::Slowed) => {
+                    let words = format!("speed scaling is at {:.0} %", 100.0 * self.link.speed());
+                    ports.states.say(&words, Reason::Slowed.remedy());
+                }
+                Some(reason) => {
+                    let detail =
+                        self.detail.as_deref().map_or(String::new(), |detail| format!(" ({detail})"));
+                    ports.states.say(&format!("{}{detail}", reason.text()), reason.remedy());
+                }
+                None => ports.states.say_nothing(),
             }
         }
         if self.link.floor_m() != self.floor_m && self.link.phase() != Phase::Away {

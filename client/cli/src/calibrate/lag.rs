@@ -7,8 +7,8 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use foretrace_client::{
-    Claimant, FaultReason, Foretrace, HolderKind, Mode, PenFeed, PenReading, Requests, StatusReader,
-    Telemetry, monotonic_now_ns, pen_flags,
+    Claimant, Foretrace, HolderKind, Mode, PenFeed, PenReading, Requests, StatusReader, Telemetry,
+    monotonic_now_ns, pen_flags,
 };
 use foretrace_config::Config;
 use foretrace_sim::lag::{LagError, identify};
@@ -23,7 +23,7 @@ use crate::attach::{attach_within, instance_of, unattached};
 use crate::failure::{Cause, Failure};
 use crate::interrupt::Interrupt;
 use crate::os;
-use crate::output::{JsonArgs, note};
+use crate::output::{JsonArgs, note, note_replaced};
 use crate::request::{may_pass, refused};
 use crate::settings::SettingsArgs;
 use crate::stopped;
@@ -101,6 +101,7 @@ pub(crate) fn run(args: &LagArgs) -> Result<(), Failure> {
         ),
     })?;
     let report = CalibrationReport::new(&found, heard);
+    note_replaced(&args.plot, "--plot FILE.svg");
     picture::draw(&args.plot, &report.words, &found, &listener.commanded, &listener.measured)
         .map_err(|error| Failure::failed(error, "give a writable --plot FILE.svg"))?;
     report.say(&args.plot);
@@ -275,10 +276,7 @@ impl Stage {
 
     fn stopped(&mut self, mode: Option<Mode>) -> Failure {
         let mode = mode.map_or("unknown", Mode::label);
-        let told = self.status.latest().map(|status| {
-            let fault = FaultReason::try_from(status.fault).unwrap_or(FaultReason::Internal);
-            (stopped::reason(fault, &status.stop), stopped::remedy(fault))
-        });
+        let told = self.status.latest().map(stopped::told);
         let (reason, remedy) =
             told.unwrap_or_else(|| ("unknown".to_owned(), "see `foretrace status`".to_owned()));
         Failure::failed(

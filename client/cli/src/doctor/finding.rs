@@ -10,6 +10,8 @@ use super::machine::Silent;
 pub(super) enum Level {
     /// As it should be.
     Ok,
+    /// Not tried, for a reason that is told; does not decide.
+    Skipped,
     /// Could be better, or could not be seen; does not decide.
     Warning,
     /// The loop cannot be trusted at this rate: makes the machine unfit.
@@ -32,6 +34,10 @@ pub(super) struct Finding {
 impl Finding {
     pub(super) fn ok(name: &'static str, value: impl Into<String>) -> Self {
         Self { name, ok: true, level: Level::Ok, value: value.into(), fix: String::new() }
+    }
+
+    pub(super) fn skipped(name: &'static str, value: impl Into<String>, fix: impl Into<String>) -> Self {
+        Self { name, ok: false, level: Level::Skipped, value: value.into(), fix: fix.into() }
     }
 
     pub(super) fn warning(name: &'static str, value: impl Into<String>, fix: impl Into<String>) -> Self {

@@ -148,7 +148,7 @@ pub(crate) fn run(args: &DoctorArgs) -> Result<(), Failure> {
         memory::shared(&machine, &own),
         leftovers::judge(&machine, &scope),
         rehearsal::thread(&need, restraint.as_ref(), &missing),
-        rehearsal::lateness(&need, &lateness),
+        rehearsal::lateness(&need, &lateness, matches!(restraint, Some(Restraint::Daemon(..)))),
         rehearsal::law(&config)?,
         torque::judge(&config),
     ];
@@ -205,6 +205,7 @@ fn lines(checks: &[Finding]) -> Vec<String> {
     for check in checks {
         let level = match check.level {
             Level::Ok => "ok",
+            Level::Skipped => "skipped",
             Level::Warning => "warning",
             Level::Bad => "BAD",
         };
@@ -221,10 +222,14 @@ fn table(report: &DoctorReport) -> Vec<String> {
     let mut lines = lines(&report.checks);
     lines.push(String::new());
     lines.push(match report.verdict {
-        Verdict::Fit => match names(&report.checks, Level::Warning).as_str() {
-            "" => format!("fit for {} Hz", report.rate_hz),
-            warnings => format!("fit for {} Hz; could be better: {warnings}", report.rate_hz),
-        },
+        Verdict::Fit => {
+            let told = |what: &str, level| match names(&report.checks, level).as_str() {
+                "" => String::new(),
+                these => format!("; {what}: {these}"),
+            };
+            let better = told("could be better", Level::Warning);
+            format!("fit for {} Hz{better}{}", report.rate_hz, told("not tried", Level::Skipped))
+        }
         Verdict::Unfit => format!("UNFIT for {} Hz: {}", report.rate_hz, names(&report.checks, Level::Bad)),
     });
     lines

@@ -5,6 +5,7 @@
 //! once. It arms nothing, and it is no safety function.
 
 mod device;
+mod rehearsal;
 mod switch;
 
 use std::path::PathBuf;
@@ -34,15 +35,21 @@ const AGAIN: Duration = Duration::from_millis(500);
 /// is not a safety function: the enabling device of the arm's own controller is.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:\n  foretrace enable --list\n  foretrace enable --device \
-                        /dev/input/by-id/usb-Foot_Pedal-event-kbd --button KEY_B")]
+                        /dev/input/by-id/usb-Foot_Pedal-event-kbd --button KEY_B\n  foretrace enable \
+                        --terminal    beside foretrace arm sim")]
 pub(crate) struct EnableArgs {
     /// The input device, best by its name in /dev/input/by-id
-    #[arg(long, value_name = "FILE", required_unless_present = "list")]
+    #[arg(long, value_name = "FILE", required_unless_present_any = ["list", "terminal"])]
     device: Option<PathBuf>,
 
     /// The button, by the kernel's name, for example KEY_SPACE, BTN_TRIGGER, BTN_STYLUS
-    #[arg(long, value_name = "NAME", required_unless_present = "list")]
+    #[arg(long, value_name = "NAME", required_unless_present_any = ["list", "terminal"])]
     button: Option<String>,
+
+    /// Rehearse with a simulated arm: any key of this terminal, which counts as held for 0.7 s after its last
+    /// repeat
+    #[arg(long, conflicts_with_all = ["device", "button", "list"])]
+    terminal: bool,
 
     /// List the devices that have buttons, and end
     #[arg(long)]
@@ -60,6 +67,9 @@ pub(crate) struct EnableArgs {
 }
 
 pub(crate) fn run(args: &EnableArgs) -> Result<(), Failure> {
+    if args.terminal {
+        return rehearsal::run(args);
+    }
     let (Some(path), Some(name)) = (&args.device, &args.button) else { return list() };
     if args.list {
         return list();

@@ -4,6 +4,7 @@
 //! absolute sleeps, at the device's rate; late samples keep their stamps, as those of a real tablet do.
 //! Outlives the daemon.
 
+mod piped;
 pub(crate) mod source;
 mod way;
 
@@ -11,6 +12,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use foretrace_client::{Claimant, HolderKind, PenReading, monotonic_now_ns};
+use foretrace_config::Config;
 use foretrace_sim::data::write_csv;
 use foretrace_sim::path::{PathSample, PenPath};
 use serde::Serialize;
@@ -35,12 +37,14 @@ const NAP_NS: u64 = 100_000_000;
 /// SOURCE is one or more recordings (UNIPEN, InkML, Character Trajectories), a data-set folder (its test
 /// part, or all where it has none), one CSV with the columns t_s,x_m,y_m,contact, one .mcap file of
 /// foretrace record, or glyphs:TEXT for the built-in writer. Recorded ink is recentred into the workspace
-/// of the settings; where a recording has no hover between two strokes, a lift and travel is inserted.
+/// of the settings; where a recording has no hover between two strokes, a lift and travel is inserted. A
+/// single - reads samples from a pipe, one line x_m,y_m,contact each, and sends them as they come.
 #[derive(Debug, clap::Args)]
 #[command(
     allow_negative_numbers = true,
     after_help = "Examples:\n  foretrace play glyphs:Hello\n  foretrace play data/unipen-ced/data/001.dat \
-                  --label K --loop\n  foretrace play path.csv --speed 0.5"
+                  --label K --loop\n  foretrace play path.csv --speed 0.5\n  \
+                  my-tracker | foretrace play -"
 )]
 pub(crate) struct PlayArgs {
     /// What to play
@@ -99,6 +103,9 @@ pub(crate) fn run(args: &PlayArgs) -> Result<(), Failure> {
     args.json.claim()?;
     let interrupt = Interrupt::listen()?;
     let config = args.settings.load()?;
+    if args.sources == ["-"] {
+        return piped(args, &config, &interrupt);
+    }
     let source = source::load(&args.sources, &args.path, config.settings())?;
     for what in &source.notes {
         note!("play: {what}");
@@ -112,20 +119,9 @@ pub(crate) fn run(args: &PlayArgs) -> Result<(), Failure> {
         if args.repeat { ", over and over" } else { "" },
         path.inserted_travels
     );
-    let way = match &args.gateway {
-        Some(path) => Way::gateway(path)?,
-        None => {
-            let wait = Duration::from_secs_f64(args.wait);
-            let who = Claimant::new(HolderKind::Player, &args.sources.join(" "));
-            Way::shared(&instance_of(config.settings())?, wait, who, args.take_over)?
-        }
-    };
+    let mut player = Player::of(args, &config)?;
+    player.report.rate_hz = path.rate_hz;
     let begin = monotonic_now_ns() + LEAD_NS;
-    let mut player = Player {
-        way,
-        report: PlayReport { rate_hz: path.rate_hz, ..PlayReport::default() },
-        sent: args.record.is_some().then(Vec::new),
-    };
     let turns = if args.repeat { usize::MAX } else { path.samples.len() };
     let first_s = path.samples.first().map_or(0.0, |sample| sample.t_s);
     for sample in path.cycle().take(turns) {
@@ -138,24 +134,20 @@ pub(crate) fn run(args: &PlayArgs) -> Result<(), Failure> {
         player.way.look();
         player.report.seconds = after_s;
     }
-    if let (Some(file), Some(sent)) = (&args.record, player.sent) {
-        write_csv(file, &PenPath::from_samples(sent)).map_err(|error| {
-            Failure::failed(format_args!("{}: {error}", file.display()), "give a writable --record FILE")
-        })?;
+    player.finish(args)
+}
+
+/// Samples of a pipe.
+fn piped(args: &PlayArgs, config: &Config, interrupt: &Interrupt) -> Result<(), Failure> {
+    if args.repeat {
+        return Err(Failure::usage("a pipe has no end to go on from", "leave out --loop"));
     }
-    if let Some(words) = player.way.finish() {
-        note!("play: {words}");
-    }
-    let report = player.report;
-    say!(
-        "{} samples sent in {:.1} s, {} unheard, {} failed, at most {:.1} ms late",
-        report.samples,
-        report.seconds,
-        report.unheard,
-        report.failed,
-        report.latest_ms
-    );
-    args.json.write(&report)
+    let mut player = Player::of(args, config)?;
+    note!("play: samples from stdin, one line x_m,y_m,contact each");
+    piped::run(&mut player, args.seconds, interrupt)?;
+    let report = &mut player.report;
+    report.rate_hz = if report.seconds > 0.0 { report.samples as f64 / report.seconds } else { 0.0 };
+    player.finish(args)
 }
 
 struct Player {
@@ -165,6 +157,40 @@ struct Player {
 }
 
 impl Player {
+    fn of(args: &PlayArgs, config: &Config) -> Result<Self, Failure> {
+        let way = match &args.gateway {
+            Some(path) => Way::gateway(path)?,
+            None => {
+                let wait = Duration::from_secs_f64(args.wait);
+                let who = Claimant::new(HolderKind::Player, &args.sources.join(" "));
+                Way::shared(&instance_of(config.settings())?, wait, who, args.take_over)?
+            }
+        };
+        Ok(Self { way, report: PlayReport::default(), sent: args.record.is_some().then(Vec::new) })
+    }
+
+    /// Writes what was asked for, and tells how it went.
+    fn finish(self, args: &PlayArgs) -> Result<(), Failure> {
+        if let (Some(file), Some(sent)) = (&args.record, self.sent) {
+            write_csv(file, &PenPath::from_samples(sent)).map_err(|error| {
+                Failure::failed(format_args!("{}: {error}", file.display()), "give a writable --record FILE")
+            })?;
+        }
+        if let Some(words) = self.way.finish() {
+            note!("play: {words}");
+        }
+        let report = self.report;
+        say!(
+            "{} samples sent in {:.1} s, {} unheard, {} failed, at most {:.1} ms late",
+            report.samples,
+            report.seconds,
+            report.unheard,
+            report.failed,
+            report.latest_ms
+        );
+        args.json.write(&report)
+    }
+
     fn send(&mut self, due: u64, sample: &PathSample) -> Result<(), Failure> {
         let reading = PenReading {
             device_stamp_ns: due,

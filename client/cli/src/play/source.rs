@@ -78,12 +78,33 @@ pub(crate) fn load(names: &[String], args: &PathArgs, settings: &Settings) -> Re
             Source { path: recorded_pen(Path::new(file))?, notes: Vec::new() }
         }
         [file] if has_extension(file, "csv") => {
-            Source { path: load_csv(Path::new(file)).map_err(wrong)?, notes: Vec::new() }
+            let path = load_csv(Path::new(file)).map_err(wrong)?;
+            in_metres(file, &path, settings.pen.bounds_m)?;
+            Source { path, notes: Vec::new() }
         }
         files => recordings(files, args, &workspace)?,
     };
     source.path = scaled(source.path, args.scale, workspace.centre_m).time_scaled(args.speed);
     Ok(source)
+}
+
+/// A path outside what the daemon takes from a pen is refused before anything starts.
+fn in_metres(file: &str, path: &PenPath, [x, y]: [[f64; 2]; 2]) -> Result<(), Failure> {
+    let Some([[x0, y0], [x1, y1]]) = path.bounds_m() else { return Ok(()) };
+    if x0 >= x[0] && x1 <= x[1] && y0 >= y[0] && y1 <= y[1] {
+        return Ok(());
+    }
+    let what = format!(
+        "{file}: the pen goes from {x0:.3} to {x1:.3} m and from {y0:.3} to {y1:.3} m, {:.3} by {:.3} m in all; \
+         pen.bounds_m takes {} to {} and {} to {} m",
+        x1 - x0,
+        y1 - y0,
+        x[0],
+        x[1],
+        y[0],
+        y[1]
+    );
+    Err(Failure::bad_input(what, "millimetres or pixels? write metres of the pen's own plane"))
 }
 
 /// The pen of a recording of everything, as the ticks were given it.

@@ -2,6 +2,7 @@
 
 mod alarm;
 mod arm_line;
+mod bearing;
 mod chain;
 mod held;
 mod screen;
@@ -18,11 +19,15 @@ use crate::attach::{Lookout, News, unattached};
 use crate::bounded;
 use crate::failure::{Cause, Failure};
 use crate::interrupt::Interrupt;
-use crate::output::{JsonArgs, clear_screen, say};
+use crate::output::{JsonArgs, clear_screen, paint, say};
 use crate::settings::InstanceArgs;
+use crate::terminal::{self, Keys};
 use alarm::Alarm;
 use held::Held;
+use screen::Tone;
 
+/// Columns of the text where no terminal says how many it has.
+const PLAIN_COLUMNS: usize = 120;
 /// The daemon publishes its status ten times per second.
 const PATIENCE: Duration = Duration::from_secs(2);
 /// Longest time for attaching and for that, whatever lies in shared memory.
@@ -33,12 +38,12 @@ const LONGEST: Duration = Duration::from_secs(8);
 /// Spreads are over all ticks since the daemon started: wakeup is from the planned start of a tick to its
 /// real one, step from there to the command published, the others are its stages.
 #[derive(Debug, clap::Args)]
-#[command(after_help = "Examples:\n  foretrace status --watch\n  foretrace status --watch --json - | jq \
+#[command(after_help = "Examples:\n  foretrace status --watch\n  foretrace status --watch --json | jq \
                   .pen_to_command.p99_us\n  foretrace status --watch --alarm 'pen_to_command.p99_us>5000' \
                   --alarm 'loop.overruns>100'")]
 pub(crate) struct StatusArgs {
-    /// Refresh until Ctrl-C, on one screen of 80 columns by 24 lines; with `--json -` one line of JSON per
-    /// second instead
+    /// Refresh until `q` or Ctrl-C, on the screen that is there (two columns from 120); with `--json` one
+    /// line of JSON per second instead
     #[arg(long)]
     watch: bool,
 
@@ -61,7 +66,7 @@ pub(crate) fn run(args: &StatusArgs) -> Result<(), Failure> {
     }
     if args.watch && args.json.json.as_deref().is_some_and(|file| file != Path::new("-")) {
         let what = "--watch writes its JSON to stdout only, a line per second";
-        return Err(Failure::usage(what, "use --json -"));
+        return Err(Failure::usage(what, "use --json without a file"));
     }
     if args.watch {
         let foretrace = args.instance.attach()?;
@@ -76,7 +81,8 @@ pub(crate) fn run(args: &StatusArgs) -> Result<(), Failure> {
     });
     let (status, held) = newest?;
     let figures = view::json(&status, &held);
-    say!("{}", view::text(&status, &held, status.header.age_ns(monotonic_now_ns())).trim_end());
+    let columns = terminal::size().map_or(PLAIN_COLUMNS, |(columns, _)| columns);
+    say!("{}", view::text_within(columns, &status, &held, status.header.age_ns(monotonic_now_ns())));
     args.json.write(&figures)?;
     judged(&args.alarms, &figures)
 }
@@ -94,8 +100,9 @@ fn watch(args: &StatusArgs, mut foretrace: Foretrace, mut reader: StatusReader) 
     let streams = args.json.json.is_some();
     let pause = Duration::from_millis(if streams { 1000 } else { 500 });
     let interrupt = Interrupt::listen()?;
+    let mut keys = if streams { None } else { Keys::listen() };
     let mut lookout = Lookout::new();
-    while !interrupt.is_set() {
+    while !interrupt.is_set() && keys.as_mut().and_then(Keys::pressed) != Some(b'q') {
         match reader.next_within(PATIENCE) {
             Some(status) => {
                 let held = Held::of(foretrace.instance());
@@ -104,7 +111,9 @@ fn watch(args: &StatusArgs, mut foretrace: Foretrace, mut reader: StatusReader) 
                     args.json.line(&figures)?;
                 } else {
                     clear_screen();
-                    say!("{}", screen::page(&status, &held, status.header.age_ns(monotonic_now_ns())));
+                    let (columns, lines) = terminal::size().unwrap_or(LEAST_SCREEN);
+                    let age_ns = status.header.age_ns(monotonic_now_ns());
+                    show(&screen::page((columns, lines), &status, &held, age_ns));
                 }
                 judged(&args.alarms, &figures)?;
             }
@@ -119,6 +128,16 @@ fn watch(args: &StatusArgs, mut foretrace: Foretrace, mut reader: StatusReader) 
         interrupt.wait(pause);
     }
     Ok(())
+}
+
+/// What a terminal has that does not say.
+const LEAST_SCREEN: (usize, usize) = (80, 24);
+
+/// The page, with its first lines in the colour of their mode where the terminal has it.
+fn show(page: &screen::Page) {
+    let colour = terminal::has_colour().then_some(page.tone).and_then(Tone::colour);
+    paint(&page.top, colour);
+    say!("{}", page.rest);
 }
 
 /// The first bound that is broken ends the program.

@@ -1,30 +1,95 @@
-//! The page of `status --watch`: 80 columns by 24 lines, the most important first.
+//! The page of `status --watch`, for the screen that is there: mode, reason and what to do first.
 //!
-//! Contract: at most [`LINES`] lines of at most [`COLUMNS`] columns, whatever the status holds. Mode, reason
-//! and what to do come first, then the chain, the loop, pen, arm and trust; `foretrace status` without
-//! `--watch` has everything.
+//! Contract: at most one line less than the screen has, none wider than it, whatever the status holds; two
+//! columns from [`WIDE`]. After the reason come the chain, the loop, pen, arm and trust; `foretrace status`
+//! without `--watch` has everything.
 
-use foretrace_shm::{FaultReason, Latency, Mode, Stage, Status, TrustReason, missing_rights};
+use foretrace_shm::{Latency, Mode, Stage, Status, TrustReason, missing_rights};
 
-use super::arm_line;
 use super::held::Held;
 use super::view::{age, label, milliseconds, refusals, seconds};
+use super::{arm_line, bearing};
 use crate::extent::ExtentFigures;
 use crate::ghost::Comparison;
 use crate::stopped;
 
-/// The smallest supported screen.
-pub(crate) const COLUMNS: usize = 80;
-/// One less than 24, so that the last line does not scroll the first one away.
-pub(crate) const LINES: usize = 23;
+/// From so many columns on there are two.
+const WIDE: usize = 120;
+/// Between them.
+const GAP: usize = 2;
+/// Columns of a line's name.
+const NAME: usize = 10;
+/// The narrowest screen that lines are broken for.
+const NARROWEST: usize = 30;
 
-/// The page.
-pub(crate) fn page(status: &Status, held: &Held, age_ns: u64) -> String {
-    let counts = &status.counters;
+/// What a mode means for whoever looks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Tone {
+    Stopped,
+    Moving,
+    Waiting,
+}
+
+impl Tone {
+    /// Its colour, a parameter of SGR; none for the usual one.
+    pub(crate) const fn colour(self) -> Option<u8> {
+        match self {
+            Self::Stopped => Some(31),
+            Self::Moving => Some(32),
+            Self::Waiting => None,
+        }
+    }
+}
+
+/// A page: what matters most, and the rest.
+#[derive(Debug)]
+pub(crate) struct Page {
+    pub(crate) tone: Tone,
+    pub(crate) top: String,
+    pub(crate) rest: String,
+}
+
+/// The page for a screen of so many columns and lines.
+pub(crate) fn page((columns, lines): (usize, usize), status: &Status, held: &Held, age_ns: u64) -> Page {
     let mode = Mode::try_from(status.mode).ok();
-    let fault = FaultReason::try_from(status.fault).unwrap_or(FaultReason::Internal);
+    let tone = match mode {
+        Some(Mode::Stopped | Mode::Fault) | None => Tone::Stopped,
+        Some(Mode::Following | Mode::Homing) => Tone::Moving,
+        _ => Tone::Waiting,
+    };
+    let columns = columns.max(NARROWEST);
+    // The last line would scroll the first one away.
+    let mut room = lines.saturating_sub(1).max(2);
+    let mut fit = |all: Vec<String>| {
+        let kept: Vec<String> = all.iter().take(room).map(|line| cut(line, columns)).collect();
+        room -= kept.len();
+        kept.join("\n")
+    };
+    let top = fit(matters(columns, mode, status, age_ns));
+    let mut lines = Vec::new();
+    if mode != Some(Mode::Stopped) && mode != Some(Mode::Fault) {
+        lines.extend(wrapped(columns, "to do", &to_do(status, mode)));
+    }
+    for (who, refused) in refusals(status) {
+        // Old refusals are no longer shown.
+        let ago_ns = status.header.stamp_ns.saturating_sub(refused.at_ns);
+        if ago_ns < 10_000_000_000 {
+            lines.extend(wrapped(columns, "refused", &format!("{who}: {refused}")));
+        }
+    }
+    let figures = figures(status, held);
+    if columns >= WIDE {
+        lines.extend(side_by_side(&figures, columns));
+    } else {
+        lines.extend(figures);
+    }
+    Page { tone, top, rest: fit(lines) }
+}
+
+/// Mode, and of a stop the reason and what to do.
+fn matters(columns: usize, mode: Option<Mode>, status: &Status, age_ns: u64) -> Vec<String> {
     let mut lines = vec![format!(
-        "{:<10}{:<22}daemon {}, up {}, status {} old",
+        "{:<NAME$}{:<22}daemon {}, up {}, status {} old",
         "mode",
         mode_and_way(status),
         status.pid,
@@ -32,16 +97,29 @@ pub(crate) fn page(status: &Status, held: &Held, age_ns: u64) -> String {
         milliseconds(age_ns)
     )];
     if matches!(mode, Some(Mode::Stopped | Mode::Fault)) {
-        lines.extend(wrapped("stopped", &stopped::reason(fault, &status.stop)));
+        let (why, to_do) = stopped::told(status);
+        lines.extend(wrapped(columns, "stopped", &why));
+        lines.extend(wrapped(columns, "to do", &to_do));
     }
-    lines.extend(wrapped("to do", &to_do(status, mode, fault)));
-    for (who, refused) in refusals(status) {
-        // Old refusals are no longer shown.
-        let ago_ns = status.header.stamp_ns.saturating_sub(refused.at_ns);
-        if refused.at_ns != 0 && ago_ns < 10_000_000_000 {
-            lines.extend(wrapped("refused", &format!("{who}: {refused}")));
-        }
+    if let Some(note) = bearing::note(status) {
+        lines.extend(wrapped(columns, "arm says", &note));
     }
+    lines
+}
+
+/// Lines in two columns, the first half on the left.
+fn side_by_side(lines: &[String], columns: usize) -> Vec<String> {
+    let half = (columns - GAP) / 2;
+    let (left, right) = lines.split_at(lines.len().div_ceil(2));
+    let beside = right.iter().map(String::as_str).chain(std::iter::repeat(""));
+    let pairs = left.iter().zip(beside);
+    pairs.map(|(left, right)| format!("{:<half$}{:GAP$}{}", cut(left, half), "", cut(right, half))).collect()
+}
+
+/// Everything else, the most important first.
+fn figures(status: &Status, held: &Held) -> Vec<String> {
+    let counts = &status.counters;
+    let mut lines = Vec::new();
     lines.push(latency("pen-cmd", &status.pen_to_command, &format!("pen {}", age(status.pen_age_ns))));
     let lag = &status.arm_lag;
     let late = if lag.is_known() {
@@ -109,6 +187,10 @@ pub(crate) fn page(status: &Status, held: &Held, age_ns: u64) -> String {
         counts.joint_state_dropped,
         counts.joint_state_rejected.total()
     ));
+    if let (Some(joints), Some(pose)) = (bearing::joints(status), bearing::pose(status)) {
+        lines.push(format!("{:<NAME$}{joints}", "joints"));
+        lines.push(format!("{:<NAME$}{pose}", "pose"));
+    }
     if let Some(words) = arm_line::words(&status.arm_line) {
         lines.push(format!("{:<10}{words}", "line"));
     }
@@ -138,8 +220,7 @@ pub(crate) fn page(status: &Status, held: &Held, age_ns: u64) -> String {
     if !missing.is_empty() {
         lines.push(format!("{:<10}missing: {}", "rights", missing.join(", ")));
     }
-    let fitted = lines.iter().take(LINES).map(|line| cut(line));
-    fitted.collect::<Vec<_>>().join("\n")
+    lines
 }
 
 /// The mode, on the way home with how far that is.
@@ -154,9 +235,8 @@ fn mode_and_way(status: &Status) -> String {
 }
 
 /// What the operator can do now.
-fn to_do(status: &Status, mode: Option<Mode>, fault: FaultReason) -> String {
+fn to_do(status: &Status, mode: Option<Mode>) -> String {
     match mode {
-        Some(Mode::Stopped | Mode::Fault) => stopped::remedy(fault),
         Some(Mode::Idle) if status.joint_state_age_ns == u64::MAX => {
             "start the arm's program (`foretrace arm sim`), then `foretrace request arm`".to_owned()
         }
@@ -189,19 +269,19 @@ fn latency(name: &str, latency: &Latency, more: &str) -> String {
     )
 }
 
-/// Text in as many lines as it takes, at most three, broken between words.
-fn wrapped(name: &str, text: &str) -> Vec<String> {
-    let mut lines = vec![format!("{name:<10}")];
+/// Text in as many lines as it takes, at most four, broken between words.
+fn wrapped(columns: usize, name: &str, text: &str) -> Vec<String> {
+    let mut lines = vec![format!("{name:<NAME$}")];
     for word in text.split_whitespace() {
-        let full = lines.last().is_some_and(|line| width(line) + width(word) + 1 > COLUMNS);
+        let full = lines.last().is_some_and(|line| width(line) + width(word) + 1 > columns);
         if full {
-            if lines.len() == 3 {
+            if lines.len() == 4 {
                 break;
             }
-            lines.push(" ".repeat(10));
+            lines.push(" ".repeat(NAME));
         }
         if let Some(line) = lines.last_mut() {
-            if width(line) > 10 {
+            if width(line) > NAME {
                 line.push(' ');
             }
             line.push_str(word);
@@ -215,17 +295,20 @@ fn width(text: &str) -> usize {
 }
 
 /// A line that fits, with control characters taken out: names in a status come from elsewhere.
-fn cut(line: &str) -> String {
+fn cut(line: &str, columns: usize) -> String {
     let plain = line.chars().map(|c| if c.is_control() { '?' } else { c });
-    if width(line) <= COLUMNS {
+    if width(line) <= columns {
         return plain.collect();
     }
-    plain.take(COLUMNS - 1).chain(['…']).collect()
+    plain.take(columns - 1).chain(['…']).collect()
 }
 
 #[cfg(test)]
 mod tests {
-    use foretrace_shm::{Percentiles, Refused, RejectReason, Rejection, StopCause, StopDetail, ToolExtent};
+    use foretrace_shm::{
+        FaultReason, NoteWords, Percentiles, Refused, RejectReason, Rejection, StopCause, StopDetail,
+        ToolExtent,
+    };
 
     use super::*;
 
@@ -274,33 +357,63 @@ mod tests {
         status
     }
 
+    fn whole((columns, lines): (usize, usize), status: &Status) -> String {
+        let Page { top, rest, .. } = page((columns, lines), status, &Held::default(), u64::MAX);
+        format!("{top}\n{rest}")
+    }
+
     #[test]
-    fn any_status_fits_the_least_screen_with_mode_reason_and_remedy_on_top() {
-        for status in [busy(), Status::default()] {
-            let page = page(&status, &Held::default(), u64::MAX);
-            assert!(page.lines().count() <= LINES, "{page}");
-            assert!(page.lines().all(|line| line.chars().count() <= COLUMNS), "{page}");
-            assert!(page.starts_with("mode"), "{page}");
+    fn any_status_fits_any_screen_with_mode_reason_and_remedy_on_top() {
+        for (columns, lines) in [(80, 24), (40, 10), (120, 30), (200, 50), (30, 5)] {
+            for status in [busy(), Status::default()] {
+                let page = whole((columns, lines), &status);
+                assert!(page.trim_end().lines().count() < lines, "{columns}x{lines}\n{page}");
+                assert!(page.lines().all(|line| line.chars().count() <= columns), "{page}");
+                assert!(page.starts_with("mode"), "{page}");
+            }
         }
-        let page = page(&busy(), &Held::default(), 0);
+        let page = whole((80, 24), &busy());
         let line = |index: usize| page.lines().nth(index).unwrap_or_default().to_owned();
         assert!(line(1).starts_with("stopped   tracking error: joint 3 is 0.213 rad"), "{page}");
         assert!(page.contains("disarm and arm again") && page.contains("q[2] = 57.3000 rad"), "{page}");
+        let small = whole((40, 10), &busy());
+        for words in ["tracking error", "joint 3 is 0.213 rad", "to do"] {
+            let joined = small.split_whitespace().collect::<Vec<_>>().join(" ");
+            assert!(joined.contains(words), "{words} is not on\n{small}");
+        }
+    }
+
+    #[test]
+    fn a_wide_screen_shows_more_than_a_narrow_one() {
+        let rows = |columns| whole((columns, 100), &busy()).lines().count();
+        assert!(rows(160) + 8 < rows(80), "{} and {}", rows(160), rows(80));
+        let wide = whole((160, 24), &busy());
+        for name in ["pen-cmd", "cmd-move", "trust", "learner", "rights", "pose"] {
+            assert!(wide.contains(name), "{name} is not on\n{wide}");
+        }
+    }
+
+    #[test]
+    fn what_the_arm_says_stands_beside_the_reason() {
+        let note = NoteWords::new("speed scaling is at 50 %", "set the speed slider to 100 %");
+        let fault = FaultReason::RobotStopped.into();
+        let page = whole((80, 24), &Status { mode: Mode::Fault.into(), fault, note, ..Status::default() });
+        let head: Vec<&str> = page.lines().take(3).collect();
+        assert!(
+            head[1].ends_with("speed scaling is at 50 %") && head[2].contains("slider to 100 %"),
+            "{page}"
+        );
     }
 
     #[test]
     fn what_to_do_follows_the_mode() {
         let at = |mode: Mode| {
-            page(
-                &Status { mode: mode.into(), arm_speed_share: -1.0, ..Status::default() },
-                &Held::default(),
-                0,
-            )
+            whole((80, 24), &Status { mode: mode.into(), arm_speed_share: -1.0, ..Status::default() })
         };
         assert!(at(Mode::Idle).contains("foretrace request arm"));
         assert!(at(Mode::Holding).contains("start the pen"));
         assert!(at(Mode::Following).contains("to do     nothing"));
         let slow = Status { mode: Mode::Following.into(), arm_speed_share: 0.3, ..Status::default() };
-        assert!(page(&slow, &Held::default(), 0).contains("about 30 % of the commanded speed"));
+        assert!(whole((80, 24), &slow).contains("about 30 % of the commanded speed"));
     }
 }

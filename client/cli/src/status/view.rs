@@ -7,7 +7,7 @@ use serde_json::{Map, Value, json};
 
 use super::chain::{self, latency};
 use super::held::{self, Held};
-use super::{arm_line, way_home};
+use super::{arm_line, bearing, way_home};
 use crate::extent::ExtentFigures;
 use crate::ghost::Comparison;
 use crate::stopped;
@@ -25,8 +25,33 @@ const SHOWN: [Stage; 9] = [
     Stage::Step,
 ];
 
-/// One screen of text: mode, rates, spreads of every stage, what was lost, trust, learner, rights.
-pub(crate) fn text(status: &Status, held: &Held, age_ns: u64) -> String {
+/// All there is, as text: mode, rates, spreads of every stage, what was lost, trust, learner, rights; lines
+/// of at most `columns`, where a break is possible.
+pub(crate) fn text_within(columns: usize, status: &Status, held: &Held, age_ns: u64) -> String {
+    text(status, held, age_ns).lines().flat_map(|line| folded(line, columns)).collect::<Vec<_>>().join("\n")
+}
+
+/// Breaks a line between its parts, which three spaces divide, or else between words; what goes on is
+/// indented below the first part.
+fn folded(line: &str, columns: usize) -> Vec<String> {
+    const INDENT: usize = 12;
+    let (mut lines, mut left) = (Vec::new(), line.to_owned());
+    while left.chars().count() > columns.max(2 * INDENT) {
+        let most = left.char_indices().nth(columns.max(2 * INDENT)).map_or(left.len(), |(at, _)| at);
+        let head = left.get(..most).unwrap_or(&left);
+        let place =
+            head.rfind("   ").filter(|at| *at > INDENT).or_else(|| head.rfind(' ').filter(|at| *at > INDENT));
+        let Some(at) = place else { break };
+        let rest = format!("{:INDENT$}{}", "", left.get(at..).unwrap_or_default().trim_start());
+        lines.push(left.get(..at).unwrap_or_default().trim_end().to_owned());
+        left = rest;
+    }
+    lines.push(left);
+    lines
+}
+
+/// The same in lines as long as they come.
+fn text(status: &Status, held: &Held, age_ns: u64) -> String {
     let mut page = String::new();
     // Writing to a String cannot fail.
     let mut line = |words: std::fmt::Arguments<'_>| {
@@ -45,12 +70,15 @@ pub(crate) fn text(status: &Status, held: &Held, age_ns: u64) -> String {
         line(format_args!("way home    {words}"));
     }
     if matches!(Mode::try_from(status.mode), Ok(Mode::Stopped | Mode::Fault)) {
-        let fault = FaultReason::try_from(status.fault).unwrap_or(FaultReason::Internal);
-        line(format_args!("stopped     {}", stopped::reason(fault, &status.stop)));
-        line(format_args!("to do       {}", stopped::remedy(fault)));
+        let (why, to_do) = stopped::told(status);
+        line(format_args!("stopped     {why}"));
+        line(format_args!("to do       {to_do}"));
     } else if status.stop.cause != 0 {
         // Of a past stop only its evidence is shown.
         line(format_args!("last stop   {}", status.stop));
+    }
+    if let Some(words) = bearing::note(status) {
+        line(format_args!("arm says    {words}"));
     }
     line(format_args!(
         "loop        {:.0} Hz set, {:.1} Hz measured   tick {}   {} overruns   {} periods skipped   {} shed",
@@ -98,6 +126,10 @@ pub(crate) fn text(status: &Status, held: &Held, age_ns: u64) -> String {
         counts.commands_sent,
         counts.commands_failed
     ));
+    if let (Some(joints), Some(pose)) = (bearing::joints(status), bearing::pose(status)) {
+        line(format_args!("joints      {joints}"));
+        line(format_args!("pose        {pose}"));
+    }
     if let Some(words) = arm_line::words(&status.arm_line) {
         line(format_args!("line        {words}"));
     }
@@ -108,10 +140,8 @@ pub(crate) fn text(status: &Status, held: &Held, age_ns: u64) -> String {
         counts.enable_rejected
     ));
     for (who, refused) in refusals(status) {
-        if refused.at_ns != 0 {
-            let ago = status.header.stamp_ns.saturating_sub(refused.at_ns);
-            line(format_args!("refused     {who}: {refused}   ({} ago)", milliseconds(ago)));
-        }
+        let ago = status.header.stamp_ns.saturating_sub(refused.at_ns);
+        line(format_args!("refused     {who}: {refused}   ({} ago)", milliseconds(ago)));
     }
     if let Some(extent) = ExtentFigures::told(&status.extent) {
         line(format_args!("tool        {extent}{}", slow(status.arm_speed_share)));
@@ -188,7 +218,7 @@ pub(crate) fn json(status: &Status, held: &Held) -> Value {
             (stage.label().to_owned(), value)
         })
         .collect();
-    json!({
+    let mut value = json!({
         "mode": label::<Mode>(status.mode),
         "fault": label::<FaultReason>(status.fault),
         "way_home": way_home::value(&status.way_home),
@@ -252,11 +282,8 @@ pub(crate) fn json(status: &Status, held: &Held) -> Value {
             "index": refused.rejection().and_then(|rejection| rejection.index),
             "value": refused.rejection().map(|rejection| rejection.value),
             "bound": refused.rejection().map(|rejection| rejection.bound),
-            "age_ms": age_ms(match refused.at_ns {
-                0 => u64::MAX,
-                at => status.header.stamp_ns.saturating_sub(at),
-            }),
-        })),
+            "age_ms": age_ms(status.header.stamp_ns.saturating_sub(refused.at_ns)),
+        })).collect::<Vec<_>>(),
         "envelope": ExtentFigures::told(&status.extent),
         "arm_speed_share": (status.arm_speed_share >= 0.0).then_some(status.arm_speed_share),
         "chain": chain::json(status),
@@ -291,7 +318,11 @@ pub(crate) fn json(status: &Status, held: &Held) -> Value {
             "receives_failed": counts.receive_failures,
         },
         "page_faults": { "minor": counts.page_faults_minor, "major": counts.page_faults_major },
-    })
+    });
+    if let Some(Value::Object(arm)) = value.get_mut("arm") {
+        arm.extend(bearing::json(status).map(|(key, value)| (key.to_owned(), value)));
+    }
+    value
 }
 
 /// The word for a number on the wire.
@@ -299,14 +330,15 @@ pub(super) fn label<E: TryFrom<u32> + ToString>(value: u32) -> String {
     E::try_from(value).map_or_else(|_| format!("unknown ({value})"), |known| known.to_string())
 }
 
-/// The newest refusal of each kind of message; also those that never were.
-pub(super) fn refusals(status: &Status) -> [(&'static str, &Refused); 4] {
-    [
+/// The newest refusal of each kind of message of which there was one.
+pub(super) fn refusals(status: &Status) -> impl Iterator<Item = (&'static str, &Refused)> {
+    let all = [
         ("pen", &status.pen_refused),
         ("joint state", &status.joints_refused),
         ("dead man", &status.enable_refused),
         ("echo", &status.echo_refused),
-    ]
+    ];
+    all.into_iter().filter(|(_, refused)| refused.at_ns != 0)
 }
 
 /// An arm that moves less than it is commanded to.
@@ -393,6 +425,18 @@ mod tests {
         status.mode = Mode::Following.into();
         let page = text(&status, &Held::default(), 0);
         assert!(page.contains("last stop   the tool is") && !page.contains("to do"), "{page}");
+    }
+
+    #[test]
+    fn no_line_is_wider_than_it_may_be_and_nothing_is_lost() {
+        let status = Status { pen_age_ns: 7, joint_state_age_ns: 7, ..Status::default() };
+        let whole = text(&status, &Held::default(), 0);
+        for columns in [60, 80, 120, 400] {
+            let page = text_within(columns, &status, &Held::default(), 0);
+            assert!(page.lines().all(|line| line.chars().count() <= columns), "{page}");
+            let words = |text: &str| text.split_whitespace().map(str::to_owned).collect::<Vec<_>>();
+            assert_eq!(words(&page), words(&whole));
+        }
     }
 
     #[test]

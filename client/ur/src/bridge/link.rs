@@ -57,6 +57,8 @@ pub struct Link {
     at_end: Option<Option<Reason>>,
     told: Option<Reason>,
     detail: Option<String>,
+    /// See [`Link::speed`].
+    speed: f64,
 }
 
 /// Joints that were measured.
@@ -132,6 +134,7 @@ impl Link {
             at_end: None,
             told: None,
             detail: None,
+            speed: 1.0,
         })
     }
 
@@ -159,6 +162,7 @@ impl Link {
             }
         };
         let arrival_ns = monotonic_now_ns();
+        self.speed = package.speed_scaling.min(package.target_speed_fraction);
         (self.heard, self.silent_turns) = (Instant::now(), 0);
         commands(&mut self.pilot);
         if let Some(remote) = &self.remote {
@@ -217,6 +221,18 @@ impl Link {
         self.pilot.machine().reason()
     }
 
+    /// Share of the full speed that the controller moves at, by its slider and its own limits.
+    #[must_use]
+    pub const fn speed(&self) -> f64 {
+        self.speed
+    }
+
+    /// The arm cannot follow this bridge any more: it has to be started anew, when it is agreed to.
+    #[must_use]
+    pub fn is_over(&self) -> bool {
+        self.pilot.machine().is_final()
+    }
+
     /// How near to the paper the model's tip may come \[m\]; `None`: as near as the settings say.
     #[must_use]
     pub fn floor_m(&self) -> Option<f64> {
@@ -253,7 +269,8 @@ impl Link {
     }
 
     /// Why the arm does not follow now.
-    fn hindrance(&self) -> Option<Reason> {
+    #[must_use]
+    pub fn hindrance(&self) -> Option<Reason> {
         self.reason().filter(|_| !self.pilot.machine().may_move())
     }
 

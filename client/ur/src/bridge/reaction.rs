@@ -96,6 +96,8 @@ pub struct Machine {
     next_upload_s: f64,
     /// Our program has been seen to run, in whatever phase.
     alive: bool,
+    /// Since when a program runs without a pause \[s\].
+    playing_s: Option<f64>,
     /// It ended, and nothing says why yet.
     end: Option<End>,
     /// The controller told an error of the program since the last state.
@@ -125,6 +127,8 @@ const SPEEDS_UP_S: f64 = 1.0;
 const AGAIN_S: f64 = 10.0;
 /// A program that reads nothing new for so long does not answer \[s\].
 const SILENT_S: f64 = 0.5;
+/// Ours would have been ended by the watchdog after so long without an echo, so that another one runs \[s\].
+const REPLACED_S: f64 = 2.0;
 /// How long a latch is shown at least, so that the daemon has seen it \[s\].
 const SHOWN_S: f64 = 0.3;
 /// How long the leave outlives the commands \[s\].
@@ -146,6 +150,7 @@ impl Machine {
             agreed: None,
             next_upload_s: f64::NEG_INFINITY,
             alive: false,
+            playing_s: None,
             end: None,
             error_news: false,
             error_s: None,
@@ -193,6 +198,7 @@ impl Machine {
         self.next_upload_s = f64::NEG_INFINITY;
         // What ended while nobody looked starved, or was stopped by somebody who has to arm anyway.
         self.alive = false;
+        self.playing_s = None;
         if restarted {
             (self.end, self.error_s) = (None, None);
         }
@@ -252,7 +258,8 @@ impl Machine {
             }
             Phase::Ready => {
                 if !fresh {
-                    return self.block(Reason::ForeignProgram, now_s);
+                    let reason = if self.alive { Reason::NoAnswer } else { Reason::ForeignProgram };
+                    return self.block(reason, now_s);
                 }
                 if !(wanted.begins && wanted.commanding) {
                     return Act::Wait;
@@ -284,6 +291,15 @@ impl Machine {
         } else if std::mem::take(&mut self.alive) {
             self.end = Some(End { at_s: now_s, starved: seen.starved });
         }
+        // A program runs, and it is not ours, which the controller would have ended by now.
+        let playing = seen.runtime_state == RUNTIME_PLAYING;
+        let since_s = *self.playing_s.get_or_insert(now_s);
+        if !playing {
+            self.playing_s = None;
+        } else if self.alive && seen.silence_s.min(now_s - since_s) > REPLACED_S {
+            self.alive = false;
+            return Some(Reason::Replaced);
+        }
         let end = self.end?;
         if !matches!(seen.safety_mode, 1 | 2) || seen.robot_mode != 7 {
             self.end = None;
@@ -295,6 +311,10 @@ impl Machine {
         self.end = None;
         if self.error_s.is_some_and(|error_s| (error_s - end.at_s).abs() <= EXPLAINED_S) {
             return Some(Reason::ProgramFailed);
+        }
+        // Ours does not start again by itself.
+        if seen.runtime_state == RUNTIME_PLAYING {
+            return Some(Reason::Replaced);
         }
         if !end.starved {
             return Some(Reason::StoppedByOperator);
@@ -368,10 +388,8 @@ impl Machine {
                 (true, false) => Act::EndEarlier,
                 // After a connection was made, a program needs a moment to echo.
                 (false, _) if seen.silence_s <= SILENT_S => Act::Wait,
-                (false, _) => {
-                    self.alive = false;
-                    self.block(Reason::ForeignProgram, now_s)
-                }
+                (false, _) if self.alive => self.block(Reason::NoAnswer, now_s),
+                (false, _) => self.block(Reason::ForeignProgram, now_s),
             };
         }
         if seen.runtime_state != RUNTIME_STOPPED || now_s < self.next_upload_s {
@@ -400,7 +418,8 @@ impl Machine {
     }
 
     /// Whoever runs the bridge has to start it anew.
-    fn is_final(&self) -> bool {
+    #[must_use]
+    pub fn is_final(&self) -> bool {
         self.reason.is_some_and(|reason| reason.returns() == Return::NewBridge)
     }
 }

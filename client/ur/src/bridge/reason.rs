@@ -31,6 +31,8 @@ pub enum Reason {
     Slowed,
     /// The operator stopped the program.
     StoppedByOperator,
+    /// Another program took the place of ours.
+    Replaced,
     /// The controller ended the program because no counters came.
     StoppedByWatchdog,
     /// Our program stopped by itself: counters stayed away.
@@ -79,7 +81,7 @@ pub enum Return {
 
 impl Reason {
     /// Every reason.
-    pub const ALL: [Self; 27] = [
+    pub const ALL: [Self; 28] = [
         Self::ProtectiveStop,
         Self::SafeguardStop,
         Self::EmergencyStop,
@@ -91,6 +93,7 @@ impl Reason {
         Self::Paused,
         Self::Slowed,
         Self::StoppedByOperator,
+        Self::Replaced,
         Self::StoppedByWatchdog,
         Self::CountersLate,
         Self::TargetJump,
@@ -127,7 +130,9 @@ impl Reason {
             | Self::ServiceOff
             | Self::Restarted
             | Self::DoesNotFit => Return::Operator,
-            Self::StoppedByOperator | Self::ProgramFailed | Self::Uncalibrated => Return::NewBridge,
+            Self::StoppedByOperator | Self::Replaced | Self::ProgramFailed | Self::Uncalibrated => {
+                Return::NewBridge
+            }
             Self::Booting
             | Self::StoppedByWatchdog
             | Self::CountersLate
@@ -156,6 +161,7 @@ impl Reason {
             Self::Paused => "the program is paused",
             Self::Slowed => "speed scaling is below 100 %",
             Self::StoppedByOperator => "the program was stopped on the pendant",
+            Self::Replaced => "another program took the place of the bridge's",
             Self::StoppedByWatchdog => {
                 "the controller ended the program, because no counters came from the bridge"
             }
@@ -194,6 +200,9 @@ impl Reason {
             Self::Paused => "press play on the pendant; stop ends the program for this bridge",
             Self::Slowed => "set the speed slider to 100 %; in reduced mode leave the area that causes it",
             Self::StoppedByOperator => "when whoever pressed stop agrees, start `foretrace arm ur` again",
+            Self::Replaced => {
+                "end the client that sent it, or agree with its owner; then start `foretrace arm ur` again"
+            }
             Self::StoppedByWatchdog | Self::CountersLate => {
                 "look for what held up this machine or the network; `foretrace doctor --robot` measures"
             }

@@ -259,6 +259,15 @@ impl<const J: usize> Kinematics<J> {
         })
     }
 
+    /// The tool's position \[m\], then its rotation vector \[rad\], in the base frame: what a pendant shows.
+    #[must_use]
+    pub fn pose(&self) -> [f64; 6] {
+        let turn = Rotation3::from_matrix_unchecked(self.rotation).scaled_axis();
+        let (place, turn): ([f64; 3], [f64; 3]) = (self.position.into(), turn.into());
+        let mut numbers = place.into_iter().chain(turn);
+        std::array::from_fn(|_| numbers.next().unwrap_or(0.0))
+    }
+
     /// J(q)·q̇: linear \[m/s\] (0-2) and angular \[rad/s\] (3-5) velocity of the tool.
     #[must_use]
     pub fn twist(&self, qd: &[f64; J]) -> Vector6<f64> {

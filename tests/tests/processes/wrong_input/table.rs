@@ -80,7 +80,7 @@ pub(super) const CASES: &[Case] = &[
     // Status and requests.
     ("status --alarm p99", 2, &["FIGURE>NUMBER"]),
     ("status --alarm loop.nonsense>1 {}", 2, &["nonsense", "overruns"]),
-    ("status --watch --json @/a.json {}", 2, &["--watch", "--json -"]),
+    ("status --watch --json @/a.json {}", 2, &["--watch", "--json without a file"]),
     ("status --json @/none/a.json", 5, &["there is no folder"]),
     ("request trust 7", 2, &["0 to 1"]),
     ("request trust nan", 2, &["0 to 1"]),

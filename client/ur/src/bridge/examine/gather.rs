@@ -46,7 +46,9 @@ pub fn gather(
                 Port::Strange("no robot state came".to_owned())
             };
             facts.deviation = measures.dh.and_then(|dh| deviation_of(&dh, config));
-            facts.arm = facts.arm.take().or_else(|| measures.dh?.name().map(str::to_owned));
+            // The dashboard calls a UR5e a UR5; its measures do not.
+            let measured = measures.dh.and_then(|dh| dh.name()).map(str::to_owned);
+            facts.arm = measured.or_else(|| facts.arm.take());
         }
         Err(PrimaryError::Connect(error)) => facts.primary = closed(&error),
         Err(error) => facts.primary = Port::Strange(error.to_string()),

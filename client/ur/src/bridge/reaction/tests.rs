@@ -174,6 +174,32 @@ fn a_program_that_the_operator_stopped_is_not_started_again() {
     assert_eq!((scene.uploads, scene.machine.reason()), (1, Some(Reason::StoppedByOperator)));
 }
 
+#[test]
+fn a_program_of_others_that_takes_the_place_of_ours_is_told_apart_from_a_stop_on_the_pendant() {
+    for (ours_is_seen_to_end, registers_are_left) in
+        [(true, true), (true, false), (false, true), (false, false)]
+    {
+        let mut scene = Scene::following();
+        if ours_is_seen_to_end {
+            scene.seen.runtime_state = 1;
+            scene.cycles(0.05);
+        }
+        scene.seen.runtime_state = 2;
+        if !registers_are_left {
+            scene.seen.answer.session = 0;
+        }
+        scene.wanted.commanding = false;
+        for silence_s in [0.6, 1.2, 2.4, 3.6] {
+            (scene.seen.echoed, scene.seen.silence_s) = (false, silence_s);
+            scene.cycles(0.6);
+        }
+        scene.seen.runtime_state = 1;
+        scene.cycles(60.0);
+        let told = (scene.machine.reason(), scene.uploads);
+        assert_eq!(told, (Some(Reason::Replaced), 1), "{ours_is_seen_to_end} {registers_are_left}");
+    }
+}
+
 /// Brings a scene with a running program into a phase in which the arm does not follow.
 type Halt = fn(&mut Scene);
 
@@ -314,7 +340,7 @@ fn a_program_over_registers_that_ours_left_behind_is_not_taken_for_ours() {
     assert_eq!(scene.machine.phase(), Phase::Ready);
     scene.seen.silence_s = 0.6;
     assert_eq!(scene.cycle(), Act::Wait);
-    assert_eq!((scene.machine.reason(), scene.machine.may_move()), (Some(Reason::ForeignProgram), false));
+    assert_eq!((scene.machine.reason(), scene.machine.may_move()), (Some(Reason::NoAnswer), false));
     // The same after a connection: nothing was echoed on it.
     let mut scene = Scene::following();
     scene.machine.disconnected(Reason::ConnectionLost);
@@ -325,7 +351,7 @@ fn a_program_over_registers_that_ours_left_behind_is_not_taken_for_ours() {
     assert!(!scene.machine.may_move(), "nothing shows yet whose program runs");
     scene.seen.silence_s = 0.6;
     scene.cycles(0.1);
-    assert_eq!((scene.machine.reason(), scene.machine.may_move()), (Some(Reason::ForeignProgram), false));
+    assert_eq!((scene.machine.reason(), scene.machine.may_move()), (Some(Reason::NoAnswer), false));
     scene.arm();
     assert!(scene.cycles(1.0).iter().all(|act| *act == Act::Wait), "it is neither led nor ended");
     // An echo that moves with our counters is the proof.

@@ -7,6 +7,7 @@
 //! that of `ur_rtde` where FORETRACE_UR_VENV names a Python environment that has it.
 
 mod broken;
+mod reasons;
 mod relay;
 mod scene;
 mod watcher;

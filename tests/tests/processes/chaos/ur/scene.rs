@@ -55,7 +55,7 @@ impl Series {
 pub(super) struct Scene {
     pub(super) world: World,
     series: Series,
-    address: Ipv4Addr,
+    pub(super) address: Ipv4Addr,
     controller: Process,
     pub(super) daemon: Option<Process>,
     pub(super) bridge: Option<Process>,

@@ -1,0 +1,70 @@
+//! The terminal: its size, and keys as they are pressed.
+//!
+//! Contract: keys arrive one by one and are not echoed while a [`Keys`] lives; the terminal is as it was
+//! afterwards, also after Ctrl-C, which stays a signal.
+
+use std::fs::File;
+use std::io::{self, IsTerminal, Read};
+
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::termios::{LocalModes, OptionalActions, Termios, tcgetattr, tcgetwinsize, tcsetattr};
+
+/// Columns and lines of the terminal behind stdout; `None` where it is none, or does not say.
+pub(crate) fn size() -> Option<(usize, usize)> {
+    let told = io::stdout().is_terminal().then(|| tcgetwinsize(io::stdout()).ok()).flatten()?;
+    (told.ws_col > 0 && told.ws_row > 0).then_some((told.ws_col.into(), told.ws_row.into()))
+}
+
+/// Whether words on stdout may be coloured (<https://no-color.org>).
+pub(crate) fn has_colour() -> bool {
+    let refused = std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty());
+    let dumb = std::env::var_os("TERM").is_none_or(|term| term == "dumb");
+    io::stdout().is_terminal() && !refused && !dumb
+}
+
+/// Keys of the terminal behind stdin.
+pub(crate) struct Keys {
+    input: File,
+    before: Termios,
+}
+
+impl Keys {
+    /// `None` where stdin is no terminal.
+    pub(crate) fn listen() -> Option<Self> {
+        use std::os::fd::AsFd;
+        if !io::stdin().is_terminal() {
+            return None;
+        }
+        // A handle of its own: the one of the standard library is buffered.
+        let input = File::from(io::stdin().as_fd().try_clone_to_owned().ok()?);
+        let before = tcgetattr(&input).ok()?;
+        let mut single = before.clone();
+        single.local_modes.remove(LocalModes::ICANON | LocalModes::ECHO);
+        tcsetattr(&input, OptionalActions::Now, &single).ok()?;
+        Some(Self { input, before })
+    }
+
+    /// The newest key that was pressed since the last look; does not wait.
+    pub(crate) fn pressed(&mut self) -> Option<u8> {
+        let mut newest = None;
+        let mut waiting = [0; 64];
+        // A held key fills less than this between two looks.
+        for _ in 0..16 {
+            let mut looked = [PollFd::new(&self.input, PollFlags::IN)];
+            let now = Timespec { tv_sec: 0, tv_nsec: 0 };
+            let readable = poll(&mut looked, Some(&now)).is_ok_and(|ready| ready > 0);
+            let told = if readable { self.input.read(&mut waiting).unwrap_or(0) } else { 0 };
+            match waiting.get(..told).and_then(<[u8]>::last) {
+                Some(key) => newest = Some(*key),
+                None => break,
+            }
+        }
+        newest
+    }
+}
+
+impl Drop for Keys {
+    fn drop(&mut self) {
+        let _ = tcsetattr(&self.input, OptionalActions::Now, &self.before);
+    }
+}
