@@ -17,14 +17,14 @@ fn settings() -> Thing {
     Thing { kind: PieceKind::Settings, number: 0, daemon_id: 5, bytes: text.into_bytes() }
 }
 
-/// A tick `after_ns` after the first: a pen that draws circles, an arm that turns about its home, and a ghost
-/// that is 12 mm behind the pen.
-fn tick(number: u64, after_ns: u64, home: [f64; 6]) -> TickRecord {
+/// A tick `after_ns` after the first: a pen that draws circles about `tool` \[m\], which is where the arm is at
+/// `home`, an arm that turns a little, and a ghost that is 12 mm behind the pen.
+fn tick(number: u64, after_ns: u64, home: [f64; 6], tool: [f64; 2]) -> TickRecord {
     let now = 100 * SECOND + after_ns;
     let t = after_ns as f64 * 1e-9;
     let mut q = home;
-    q[0] += 0.05 * t.sin();
-    let (x, y) = (0.03 * (3.0 * t).sin(), 0.03 * (3.0 * t).cos());
+    q[0] += 0.005 * t.sin();
+    let (x, y) = (tool[0] + 0.005 * (3.0 * t).sin(), tool[1] + 0.005 * (3.0 * t).cos());
     TickRecord {
         tick: number,
         release_ns: now,
@@ -49,8 +49,10 @@ fn tick(number: u64, after_ns: u64, home: [f64; 6]) -> TickRecord {
 
 /// The first `seconds` of it, `hz` records a second.
 fn ticks(seconds: u64, hz: u64) -> Vec<TickRecord> {
-    let home = Config::preset("ur5").unwrap().robot().home;
-    (0..seconds * hz).map(|k| tick(k + 1, k * SECOND / hz, home)).collect()
+    let config = Config::preset("ur5").unwrap();
+    let (home, plane) = (config.robot().home, config.follower_settings().plane);
+    let tool = plane.point_from_base(&config.robot().chain.forward(&home).position);
+    (0..seconds * hz).map(|k| tick(k + 1, k * SECOND / hz, home, [tool.x, tool.y])).collect()
 }
 
 fn without_ghost(record: TickRecord) -> TickRecord {
