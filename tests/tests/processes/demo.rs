@@ -31,7 +31,6 @@ fn check_report(world: &World, folder: &str) -> serde_json::Value {
         "/tracking/ghost_rms_m",
         "/tracking/ghost_max_m",
         "/tracking/ghost_lag_ms",
-        "/tracking/rms_at_lag_m",
         "/tracking/records_rms_apart",
         "/tracking/records_lag_apart_ms",
         "/ghost/compared_s",

@@ -110,8 +110,6 @@ pub(crate) struct TrackingFigures {
     /// Hovering included.
     pub(crate) hover_rms_m: Option<f64>,
     pub(crate) ghost_hover_rms_m: Option<f64>,
-    /// What of the arm's distance remains without its lag, from the records.
-    pub(crate) rms_at_lag_m: f64,
     /// How much larger that distance is by the records than by the daemon, as a share of the latter.
     pub(crate) records_rms_apart: Option<f64>,
     /// How much longer the lag is by the records than by the daemon.
@@ -122,7 +120,6 @@ impl TrackingFigures {
     fn of(score: &Tracking, gathered: &Gathered, comparison: &Comparison) -> Self {
         let session = &comparison.session;
         let written = || gathered.ticks.iter().filter_map(|tick| tick.compared).filter(|note| note.contact);
-        let rms_at_lag_m = score.mse_at_lag_m2.sqrt();
         let live = Self {
             measured_by: "daemon",
             rms_m: session.rms_m.unwrap_or(score.rmse_m),
@@ -133,7 +130,6 @@ impl TrackingFigures {
             ghost_lag_ms: session.ghost_lag_ms,
             hover_rms_m: comparison.hover_rms_m,
             ghost_hover_rms_m: comparison.ghost_hover_rms_m,
-            rms_at_lag_m,
             records_rms_apart: session.rms_m.map(|live_m| score.rmse_m / live_m - 1.0),
             records_lag_apart_ms: session.lag_ms.map(|live_ms| score.lag_ms - live_ms),
         };
@@ -223,13 +219,6 @@ pub(crate) struct SettingFigures {
 pub(crate) struct Scored {
     pub(crate) tool: Vec<ToolSample>,
     pub(crate) errors: Vec<ErrorSample>,
-}
-
-impl Scored {
-    /// Everything, for pictures of a run that cannot be scored.
-    pub(crate) fn whole(gathered: &Gathered) -> Self {
-        Self { tool: gathered.tool.clone(), errors: error_series(&gathered.pen, &gathered.tool) }
-    }
 }
 
 /// The tool from the first instant at which it had come as near to the pen as the loop wants it before

@@ -12,7 +12,7 @@
   const names = ['ghost', 'pen', 'arm'].filter((name) => data[name]);
   const end = (data.pen.x.length - 1) / data.hz;
   // Longer than the eye keeps a stroke, and long enough to read a word.
-  const INK_S = 5, TAIL_S = 0.45, LENS_MM = 36;
+  const INK_S = 5, TAIL_S = 0.45, LENS_MM = 32;
   let now = data.still / data.hz, playing = false, rate = 1, before = 0, waiting = 0, seen = true, told = -1;
 
   // Where `series` is at frame `at` [mm]; null where that is not known.
@@ -117,13 +117,15 @@
     pen.globalAlpha = 1;
     const spots = Object.fromEntries(names.map((name) => [name, place(data[name], at)]));
     if (spots.pen && spots.ghost) {
-      pen.strokeStyle = colour.ghost;
-      pen.lineWidth = 1.2;
-      pen.setLineDash([3, 3]);
+      // How far the one without prediction is behind, on a ground of its own.
       pen.beginPath();
       pen.moveTo(...map(spots.pen)); pen.lineTo(...map(spots.ghost));
+      pen.strokeStyle = colour.paper;
+      pen.lineWidth = 2.2 * wide + 3;
       pen.stroke();
-      pen.setLineDash([]);
+      pen.strokeStyle = colour.ghost;
+      pen.lineWidth = wide;
+      pen.stroke();
     }
     for (const name of names) if (spots[name]) mark(pen, name, map(spots[name]), 2 + 1.4 * wide);
   };
@@ -132,7 +134,7 @@
     const width = sheet.clientWidth;
     const [spanX, spanY] = [bounds.right - bounds.left, bounds.high - bounds.low];
     const scale = Math.min(width / spanX, 300 / spanY);
-    const top = Math.max(60, scale * spanY), lens = Math.min(0.52 * width, 250);
+    const top = Math.max(60, scale * spanY), lens = Math.min(0.5 * width, 210);
     const [pen, , height] = ready(sheet, Math.round(top + lens));
     const left = (width - scale * spanX) / 2;
     drawing(pen, at, ([x, y]) => [left + (x - bounds.left) * scale, (bounds.high - y) * scale], 1.6);

@@ -181,8 +181,8 @@ impl Moving {
         let (arm, words) = if self.ghost.is_some() {
             (
                 "the arm, with prediction",
-                "The arm runs with the pen; the same loop without prediction (the ghost, computed beside it, which \
-                 moves nothing) runs behind.",
+                "The arm runs with the pen. The same loop without prediction, computed beside it (the \
+                 ghost), runs behind.",
             )
         } else {
             ("the arm", "The pen, and the arm that follows it.")
