@@ -17,8 +17,8 @@ fn settings() -> Thing {
     Thing { kind: PieceKind::Settings, number: 0, daemon_id: 5, bytes: text.into_bytes() }
 }
 
-/// A tick `after_ns` after the first: a pen that draws circles about `tool` \[m\], which is where the arm is at
-/// `home`, an arm that turns a little, and a ghost that is 12 mm behind the pen.
+/// A tick `after_ns` after the first: a pen that draws circles about `tool` \[m\], which is where the arm is
+/// at `home`, an arm that turns a little, and a ghost that is 12 mm behind the pen.
 fn tick(number: u64, after_ns: u64, home: [f64; 6], tool: [f64; 2]) -> TickRecord {
     let now = 100 * SECOND + after_ns;
     let t = after_ns as f64 * 1e-9;

@@ -161,9 +161,12 @@
     }
     pen.globalAlpha = 0.6; pen.stroke(); pen.globalAlpha = 1;
     drawing(pen, at, ([x, y]) => [width / 2 + (x - x0) * zoom, top + lens / 2 - (y - y0) * zoom], 3);
-    pen.fillStyle = colour.muted;
+    const label = 'around the pen, lines 10 mm apart';
     pen.font = '12px system-ui, sans-serif';
-    pen.fillText('around the pen, lines 10 mm apart', 8, height - 9);
+    pen.fillStyle = colour.paper; pen.globalAlpha = 0.85;
+    pen.fillRect(0, height - 24, pen.measureText(label).width + 16, 24);
+    pen.fillStyle = colour.muted; pen.globalAlpha = 1;
+    pen.fillText(label, 8, height - 9);
     pen.restore();
   };
 
