@@ -181,8 +181,7 @@ impl Moving {
         let (arm, words) = if self.ghost.is_some() {
             (
                 "the arm, with prediction",
-                "The arm runs with the pen. The same loop without prediction, computed beside it (the \
-                 ghost), runs behind.",
+                "The pen, the arm, and the arm as it would be without prediction (the ghost, computed beside it).",
             )
         } else {
             ("the arm", "The pen, and the arm that follows it.")
