@@ -25,7 +25,7 @@ ROOMS = {
     ],
     "client/record/src": [
         "proto", "topics", "scene", "write", "read", "table", "pen", "repair", "source", "relay", "record", "trace", "flight", "last_flight", "info",
-        "figures", "explain", "law", "replay", "modelled", "stretch", "score", "what_if", "picture", "stages", "metrics", "foxglove",
+        "figures", "explain", "law", "replay", "modelled", "stretch", "score", "what_if", "picture", "page", "stages", "metrics", "foxglove",
     ],
     "client/console/src": [
         "certificate", "wire", "guard", "http", "page", "message", "places", "board", "scene", "frame", "hold", "orders", "stops", "hand",
@@ -36,7 +36,7 @@ ROOMS = {
 # Columns of a line of Rust, and the files whose long lines are data: strokes, style sheets, the documents' snippets.
 WIDTH = 110
 LONG_LINES = {
-    "client/sim/src/writer/glyphs.rs", "client/sim/src/plot/page/sheet.rs", "client/cli/src/demo/page.rs",
+    "client/sim/src/writer/glyphs.rs", "client/sim/src/plot/page/sheet.rs",
     "tests/tests/processes/snippets.rs",
 }
 # 400 lines are the sign that a file may be about two things; more than this is refused.

@@ -8,7 +8,7 @@ use std::path::Path;
 
 use serde_json::Value;
 
-const VOID: [&str; 2] = ["meta", "br"];
+const VOID: [&str; 3] = ["meta", "br", "input"];
 
 /// The contents of the page.
 #[derive(Debug, Default)]
@@ -21,6 +21,8 @@ pub struct Page {
     pub alert: Option<String>,
     /// Which of the pictures have a curve of the arm and one of the ghost.
     pub beside: Vec<bool>,
+    /// The frames of the replay, if it has one.
+    pub moved: Option<Value>,
 }
 
 /// An element that is open.
@@ -50,7 +52,13 @@ impl Page {
             } else {
                 assert!(text.trim().is_empty(), "text outside of every element: {text}");
             }
-            let (tag, after) = from.split_once('>').expect("a tag that ends");
+            let (tag, mut after) = from.split_once('>').expect("a tag that ends");
+            if tag.starts_with("script") {
+                // What stands in it is no HTML.
+                let (script, end) = after.split_at(after.find("</script>").expect("a script that ends"));
+                page.run(tag, script);
+                after = end;
+            }
             rest = after;
             page.take(tag, &mut open);
         }
@@ -61,6 +69,19 @@ impl Page {
         );
         assert!(!html.contains("NaN"), "a figure that is not a number");
         page
+    }
+
+    /// Of the scripts there may be one with the frames and one that shows them, and neither asks for more.
+    fn run(&mut self, tag: &str, script: &str) {
+        for outside in
+            ["fetch(", "XMLHttpRequest", "WebSocket", "EventSource", "import", "sendBeacon", "eval("]
+        {
+            assert!(!script.contains(outside), "a script with {outside}");
+        }
+        if tag.contains("application/json") {
+            let frames = serde_json::from_str(script).expect("frames as JSON");
+            assert!(self.moved.replace(frames).is_none(), "two replays");
+        }
     }
 
     fn take(&mut self, tag: &str, open: &mut Vec<Open>) {
@@ -78,7 +99,7 @@ impl Page {
         for outside in ["src=", "href=", "srcset=", "data=", "action="] {
             assert!(!format!(" {attributes}").contains(&format!(" {outside}")), "<{tag}> needs another file");
         }
-        assert!(!["script", "link", "img", "iframe", "object"].contains(&name), "<{tag}>");
+        assert!(!["link", "img", "iframe", "object"].contains(&name), "<{tag}>");
         if name == "svg" {
             self.beside.push(false);
         }

@@ -1,8 +1,10 @@
 //! `foretrace explain`: what a tick of a recording saw, decided and cost, and which moments matter.
 
-use std::path::PathBuf;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
 
-use foretrace_record::explain;
+use foretrace_record::explain::{self, Told};
+use foretrace_record::{RecordError, page};
 use serde::Serialize;
 
 use crate::failure::Failure;
@@ -14,7 +16,10 @@ use crate::record::{undamaged, unrecorded};
 /// Without --tick, the ten moments that matter most: stops, late ticks, falls of trust, the largest error,
 /// what was lost or refused. With it, what that tick saw, decided and cost, and why trust was what it was.
 #[derive(Debug, clap::Args)]
-#[command(after_help = "Examples:\n  foretrace explain run.mcap\n  foretrace explain run.mcap --tick 1234")]
+#[command(
+    after_help = "Examples:\n  foretrace explain run.mcap\n  foretrace explain run.mcap --tick 1234\n  \
+                  foretrace explain run.mcap --html run.html"
+)]
 pub(crate) struct ExplainArgs {
     /// A recording of `foretrace record`
     #[arg(value_name = "FILE.mcap")]
@@ -23,6 +28,10 @@ pub(crate) struct ExplainArgs {
     /// Number of a tick
     #[arg(long, value_name = "N")]
     tick: Option<u64>,
+
+    /// Also write a page that shows the run: a replay, lag, error, moments; must not exist yet
+    #[arg(long, value_name = "FILE.html", conflicts_with = "tick")]
+    html: Option<PathBuf>,
 
     #[command(flatten)]
     json: JsonArgs,
@@ -51,7 +60,10 @@ pub(crate) fn run(args: &ExplainArgs) -> Result<(), Failure> {
             }
         }
         None => {
-            let told = explain::moments(&args.file).map_err(unrecorded)?;
+            let told = match &args.html {
+                Some(target) => paged(&args.file, target)?,
+                None => explain::moments(&args.file).map_err(unrecorded)?,
+            };
             (report.moments, report.every_ticks, report.damage) =
                 (told.moments, told.every_ticks, told.damage);
             if report.every_ticks > 1 {
@@ -66,6 +78,25 @@ pub(crate) fn run(args: &ExplainArgs) -> Result<(), Failure> {
             }
         }
     }
+    if let Some(target) = &args.html {
+        say!("page: {}", target.display());
+    }
     args.json.write(&report)?;
     undamaged(&args.file, report.damage.as_deref())
+}
+
+/// Writes the page of `file` into the new file `target`; returns what is told of it.
+fn paged(file: &Path, target: &Path) -> Result<Told, Failure> {
+    // Before the file is read, which may take a while.
+    if target.exists() {
+        return Err(unrecorded(RecordError::Exists { path: target.to_path_buf() }));
+    }
+    let (text, told) = page::of_recording(file).map_err(unrecorded)?;
+    let written = foretrace_record::whole(target, |out| {
+        let unwritten = |error| format!("the page cannot be written: {error}");
+        out.write_all(text.as_bytes())
+            .map_err(|error| RecordError::Format { path: target.to_path_buf(), why: unwritten(error) })
+    });
+    written.map_err(unrecorded)?;
+    Ok(told)
 }

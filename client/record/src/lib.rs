@@ -7,7 +7,8 @@
 //! Rooms, each of which uses only those before it: `proto`, `topics` (what is in a file), `scene` (what
 //! stands around the pen), `write`, `read`, `table`, `pen`, `repair`, `source` (where everything comes
 //! from), `relay`, `record` (into files), `trace`, `flight`, `last_flight`, `info`, `figures`, `explain`,
-//! `law`, `replay`, `modelled`, `stretch`, `score`, `what_if`, `picture`, `stages`, `metrics`, `foxglove`.
+//! `law`, `replay`, `modelled`, `stretch`, `score`, `what_if`, `picture`, `page` (a run as HTML), `stages`,
+//! `metrics`, `foxglove`.
 //!
 //! Source: MCAP specification 0 (mcap.dev/spec); Foxglove's schemas.
 
@@ -38,6 +39,7 @@ mod stretch;
 pub mod score;
 pub mod what_if;
 pub mod picture;
+pub mod page;
 pub mod stages;
 pub mod metrics;
 pub mod foxglove;

@@ -82,6 +82,15 @@ fn a_run_is_recorded_and_every_command_of_it_comes_again_bit_for_bit() {
 
     let output = world.run_plain(&["explain", &file]);
     assert!(output.status.success() && told(&output).contains("tick "), "{}", told(&output));
+    let page = world.file("run.html").display().to_string();
+    let paged = || world.run_plain(&["explain", &file, "--html", &page]);
+    assert!(paged().status.success());
+    let read = foretrace_tests::page::Page::read(&world.file("run.html"));
+    assert!(read.moved.is_some_and(|moved| moved["ghost"].is_object()), "a replay with the recorded ghost");
+    assert_eq!(read.pictures.len(), 3, "lag, error, deadlines");
+    let before = std::fs::read(&page).unwrap();
+    assert_refused(&paged(), 5, &["run.html exists already"]);
+    assert_eq!(std::fs::read(&page).unwrap(), before);
     let tick = (again["first_tick"].as_u64().unwrap() + 100).to_string();
     let output = world.run_plain(&["explain", &file, "--tick", &tick]);
     assert!(told(&output).contains("Trust was"), "{}", told(&output));

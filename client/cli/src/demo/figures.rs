@@ -1,17 +1,18 @@
 //! The numbers of a demo run.
 //!
-//! Contract: keys are stable. Tracking is scored from the first instant at which the tool is as near to the
-//! pen as the loop demands before it lowers it (safety.approach_distance_m): what comes before is the
-//! approach to the paper.
+//! Contract: keys are stable, and each quantity has one of them, in one unit. Tracking is scored from the
+//! first instant at which the tool is as near to the pen as the loop demands before it lowers it
+//! (safety.approach_distance_m): what comes before is the approach to the paper.
 
-use foretrace_client::{Mode, Stage, Status, health};
+use foretrace_client::{Mode, Stage, health};
 use foretrace_config::{Config, JOINTS, Settings};
 use foretrace_control::arm::limits::JointLimits;
-use foretrace_sim::metrics::{ErrorSample, ToolSample, error_series, tracking};
+use foretrace_record::page::{Late, approached};
+use foretrace_sim::metrics::{ErrorSample, ToolSample, Tracking, error_series, tracking};
 use serde::Serialize;
 use serde_json::Value;
 
-use super::gathered::{Gathered, JointUse, StopNote};
+use super::gathered::{Gathered, JointUse, StopNote, TickNote};
 use crate::extent::ExtentFigures;
 use crate::failure::Failure;
 use crate::ghost::Comparison;
@@ -26,8 +27,8 @@ pub(crate) struct Figures {
     pub(crate) tracking: Option<TrackingFigures>,
     /// Where the tool was, by forward kinematics of the measured joints; none where nothing was measured.
     pub(crate) envelope: Option<ExtentFigures>,
-    /// As the daemon measured it while it ran; `session` is the whole run.
     pub(crate) ghost: GhostFigures,
+    /// As the arm counted and judged them; how fast they were is in `joints`.
     pub(crate) commands: Value,
     /// Largest value that commands asked of each joint over its limit, base first; 1: at the limit.
     pub(crate) joints: JointFigures,
@@ -46,8 +47,10 @@ pub(crate) struct LoopFigures {
     pub(crate) rate_hz: f64,
     pub(crate) ticks: u64,
     pub(crate) overruns: u64,
-    /// Overruns whose tick began so late that an ordinary step could not end in time.
+    /// Of these, since arming: ticks that the kernel woke late, which took longer than their work.
     pub(crate) overruns_by_wakeup: u64,
+    /// Of these, since arming: the others, whose own work took long.
+    pub(crate) overruns_by_work: u64,
     pub(crate) skipped_ticks: u64,
     pub(crate) allocations_per_tick: f64,
     pub(crate) connection_allocations: u64,
@@ -92,29 +95,70 @@ impl StopFigures {
     }
 }
 
+/// The tool against the pen while it wrote, and its ghost's at the same instants.
 #[derive(Debug, Serialize)]
 pub(crate) struct TrackingFigures {
-    pub(crate) mse_m2: f64,
-    pub(crate) rmse_m: f64,
-    pub(crate) max_m: f64,
-    pub(crate) lag_ms: f64,
-    /// What remains at that shift.
-    pub(crate) mse_at_lag_m2: f64,
-    pub(crate) samples: usize,
+    /// "daemon": while the loop ran, wherever the ghost could be compared. "records": from those of arm and
+    /// player, after the approach, where there was no ghost.
+    pub(crate) measured_by: &'static str,
+    pub(crate) rms_m: f64,
+    pub(crate) max_m: Option<f64>,
+    pub(crate) lag_ms: Option<f64>,
+    pub(crate) ghost_rms_m: Option<f64>,
+    pub(crate) ghost_max_m: Option<f64>,
+    pub(crate) ghost_lag_ms: Option<f64>,
+    /// Hovering included.
+    pub(crate) hover_rms_m: Option<f64>,
+    pub(crate) ghost_hover_rms_m: Option<f64>,
+    /// How much larger that distance is by the records than by the daemon, as a share of the latter.
+    pub(crate) records_rms_apart: Option<f64>,
+    /// How much longer the lag is by the records than by the daemon.
+    pub(crate) records_lag_apart_ms: Option<f64>,
 }
 
-/// The loop beside its ghost, which runs at trust 0.
+impl TrackingFigures {
+    fn of(score: &Tracking, gathered: &Gathered, comparison: &Comparison) -> Self {
+        let session = &comparison.session;
+        let written = || gathered.ticks.iter().filter_map(|tick| tick.compared).filter(|note| note.contact);
+        let live = Self {
+            measured_by: "daemon",
+            rms_m: session.rms_m.unwrap_or(score.rmse_m),
+            max_m: written().map(|note| note.error_m).reduce(f64::max),
+            lag_ms: session.lag_ms,
+            ghost_rms_m: session.ghost_rms_m,
+            ghost_max_m: written().map(|note| note.ghost_error_m).reduce(f64::max),
+            ghost_lag_ms: session.ghost_lag_ms,
+            hover_rms_m: comparison.hover_rms_m,
+            ghost_hover_rms_m: comparison.ghost_hover_rms_m,
+            records_rms_apart: session.rms_m.map(|live_m| score.rmse_m / live_m - 1.0),
+            records_lag_apart_ms: session.lag_ms.map(|live_ms| score.lag_ms - live_ms),
+        };
+        if session.rms_m.is_some() {
+            return live;
+        }
+        Self {
+            measured_by: "records",
+            rms_m: score.rmse_m,
+            max_m: Some(score.max_m),
+            lag_ms: Some(score.lag_ms),
+            ..live
+        }
+    }
+}
+
+/// The ghost, the loop at trust 0: how well it could be compared, and what it cost.
 #[derive(Debug, Serialize)]
 pub(crate) struct GhostFigures {
-    #[serde(flatten)]
-    pub(crate) comparison: Comparison,
-    /// Largest distance between the commanded tool and the ghost's while both were compared; 0 at trust 0.
-    pub(crate) apart_max_m: Option<f64>,
+    /// Whether it was compared at the end.
+    pub(crate) state: &'static str,
+    /// How long the pen wrote while it was compared.
+    pub(crate) compared_s: f64,
     /// Share of the ticks in which the loop followed.
     pub(crate) compared_share: f64,
-    /// Largest distance from the pen while it wrote and both were compared.
-    pub(crate) max_m: Option<f64>,
-    pub(crate) ghost_max_m: Option<f64>,
+    /// Largest distance between the commanded tool and the ghost's while both were compared; 0 at trust 0.
+    pub(crate) apart_max_m: Option<f64>,
+    /// Median cost per tick on the thread that publishes.
+    pub(crate) cost_us: Option<f64>,
 }
 
 #[derive(Debug, Serialize)]
@@ -177,13 +221,6 @@ pub(crate) struct Scored {
     pub(crate) errors: Vec<ErrorSample>,
 }
 
-impl Scored {
-    /// Everything, for pictures of a run that cannot be scored.
-    pub(crate) fn whole(gathered: &Gathered) -> Self {
-        Self { tool: gathered.tool.clone(), errors: error_series(&gathered.pen, &gathered.tool) }
-    }
-}
-
 /// The tool from the first instant at which it had come as near to the pen as the loop wants it before
 /// lowering it.
 ///
@@ -193,8 +230,7 @@ pub(crate) fn scored(gathered: &Gathered, settings: &Settings) -> Option<Scored>
     let following = gathered.ticks.iter().find(|tick| tick.mode == u32::from(Mode::Following));
     let from_s = following.map(|tick| tick.t_s).unwrap_or(f64::INFINITY);
     let errors = error_series(&gathered.pen, &gathered.tool);
-    let begin = errors.iter().position(|error| error.t_s >= from_s && error.error_m <= near);
-    let errors = errors.get(begin?..)?;
+    let errors = approached(&errors, from_s, near)?;
     let first_s = errors.first().map_or(f64::INFINITY, |error| error.t_s);
     let tool = gathered.tool.iter().filter(|sample| sample.t_s >= first_s).copied().collect();
     Some(Scored { tool, errors: errors.to_vec() })
@@ -207,7 +243,6 @@ pub(crate) fn figures(
     config: &Config,
     setting: SettingFigures,
 ) -> Result<Figures, Failure> {
-    let settings = config.settings();
     let status = gathered
         .status
         .ok_or_else(|| Failure::failed("the daemon reported no status", "look at its messages above"))?;
@@ -220,12 +255,12 @@ pub(crate) fn figures(
         spread.quantiles()
     };
     let (step_us, wakeup_us) = (spread(Stage::Step), spread(Stage::Wakeup));
-    let period_us = 1e6 / f64::from(settings.control_loop.rate_hz);
-    let late = |ns: u32| f64::from(ns) * 1e-3 + step_us.p50 > period_us;
-    let by_wakeup = gathered
-        .ticks
-        .iter()
-        .filter(|tick| tick.health & health::OVERRUN != 0 && late(tick.stage_ns(Stage::Wakeup)));
+    let late = |cause: Late| {
+        let late = gathered.ticks.iter().filter(|tick| tick.health & health::OVERRUN != 0);
+        let of = |tick: &&TickNote| Late::of(tick.stage_ns(Stage::Wakeup), tick.stage_ns(Stage::Step));
+        late.filter(|tick| of(tick) == cause).count() as u64
+    };
+    let comparison = Comparison::of(&status);
     let trusts = gathered.ticks.iter().filter(|tick| tick.mode == u32::from(Mode::Following));
     let (sum, count) = trusts.fold((0.0, 0_u32), |(sum, count), tick| (sum + tick.trust, count + 1));
     let number = |value: &Value, key: &str| value.get(key).and_then(Value::as_u64).unwrap_or(0);
@@ -234,7 +269,8 @@ pub(crate) fn figures(
             rate_hz: status.rate_hz,
             ticks: counts.ticks,
             overruns: counts.overruns,
-            overruns_by_wakeup: by_wakeup.count() as u64,
+            overruns_by_wakeup: late(Late::Woken),
+            overruns_by_work: late(Late::Worked),
             skipped_ticks: counts.skipped_ticks,
             allocations_per_tick: status.allocations_per_tick,
             connection_allocations: counts.connection_allocations,
@@ -244,17 +280,10 @@ pub(crate) fn figures(
             telemetry_lost: gathered.ticks_lost + counts.telemetry_ring_dropped,
             stops: gathered.stops.iter().map(|stop| StopFigures::of(stop, armed_s)).collect(),
         },
-        tracking: score.map(|score| TrackingFigures {
-            mse_m2: score.mse_m2,
-            rmse_m: score.rmse_m,
-            max_m: score.max_m,
-            lag_ms: score.lag_ms,
-            mse_at_lag_m2: score.mse_at_lag_m2,
-            samples: score.samples,
-        }),
+        tracking: score.map(|score| TrackingFigures::of(&score, gathered, &comparison)),
         envelope: gathered.extent.map(ExtentFigures::from),
-        ghost: ghost(gathered, &status),
-        commands: gathered.arm.get("commands").cloned().unwrap_or(Value::Null),
+        ghost: ghost(gathered, &comparison),
+        commands: commands(&gathered.arm),
         joints: JointFigures::of(&gathered.joints, &config.robot().limits),
         pen: PenFigures {
             samples: number(&gathered.player, "samples"),
@@ -276,8 +305,17 @@ pub(crate) fn figures(
     })
 }
 
+/// What the arm counted, without its largest velocity and acceleration: `joints` has those, per joint.
+fn commands(arm: &Value) -> Value {
+    let mut commands = arm.get("commands").cloned().unwrap_or(Value::Null);
+    if let Some(counts) = commands.as_object_mut() {
+        counts.retain(|key, _| !key.starts_with("max_"));
+    }
+    commands
+}
+
 /// What the daemon reports about its ghost, and how far apart the two were.
-fn ghost(gathered: &Gathered, status: &Status) -> GhostFigures {
+fn ghost(gathered: &Gathered, comparison: &Comparison) -> GhostFigures {
     let following = gathered.ticks.iter().filter(|tick| tick.mode == u32::from(Mode::Following));
     let (mut followed, mut compared, mut apart_m) = (0_u64, 0_u64, None);
     for tick in following {
@@ -287,17 +325,27 @@ fn ghost(gathered: &Gathered, status: &Status) -> GhostFigures {
             apart_m = Some(distance.max(apart_m.unwrap_or(0.0)));
         }
     }
-    let written = || gathered.ticks.iter().filter_map(|tick| tick.compared).filter(|note| note.contact);
     GhostFigures {
-        max_m: written().map(|note| note.error_m).reduce(f64::max),
-        ghost_max_m: written().map(|note| note.ghost_error_m).reduce(f64::max),
-        comparison: Comparison::of(status),
-        apart_max_m: apart_m,
+        state: comparison.state,
+        compared_s: comparison.compared_s,
         compared_share: compared as f64 / followed.max(1) as f64,
+        apart_max_m: apart_m,
+        cost_us: comparison.cost_us,
     }
 }
 
 impl Figures {
+    /// Late ticks that have no record since arming: they came before it, or their record was lost.
+    pub(crate) const fn overruns_unexplained(&self) -> u64 {
+        let looped = &self.control_loop;
+        looped.overruns.saturating_sub(looped.overruns_by_wakeup + looped.overruns_by_work)
+    }
+
+    /// The largest share of a joint's limit that any command asked for.
+    pub(crate) fn largest_share(of: &[f64; JOINTS]) -> f64 {
+        of.iter().copied().fold(0.0, f64::max)
+    }
+
     /// Commands that broke a limit, as the arm counted.
     pub(crate) fn limit_violations(&self) -> u64 {
         self.commands.get("limit_violations").and_then(Value::as_u64).unwrap_or(0)
@@ -307,7 +355,6 @@ impl Figures {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::demo::gathered::TickNote;
     use foretrace_sim::path::PathSample;
 
     /// The pen stands still at 0; the tool comes from 100 mm away at 0.1 m/s and stays from t = 1 s on.

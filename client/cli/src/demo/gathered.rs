@@ -6,10 +6,10 @@ use foretrace_client::{FaultReason, GhostState, Mode, Stage, Status, StopDetail,
 use foretrace_config::{Config, JOINTS};
 use foretrace_control::extent::{Extent, ExtentWatch};
 use foretrace_control::plane::Plane;
+use foretrace_record::page::{Compared, GhostSample, Run, tool_at};
 use foretrace_sim::data::load_csv;
-use foretrace_sim::metrics::ToolSample;
+use foretrace_sim::metrics::{ErrorSample, ToolSample};
 use foretrace_sim::path::PathSample;
-use nalgebra::Vector3;
 
 use super::children::LastWords;
 use crate::failure::Failure;
@@ -31,7 +31,9 @@ pub(crate) struct Gathered {
     pub(crate) status: Option<Status>,
     /// The pen as it was sent, in the plane frame, host's clock.
     pub(crate) pen: Vec<PathSample>,
-    /// The arm's tool as it was measured, in the plane frame, host's clock.
+    /// The arm's joints as they were measured: when [s], angles [rad]; host's clock.
+    pub(crate) measured: Vec<(f64, [f64; JOINTS])>,
+    /// Their tool, in the plane frame.
     pub(crate) tool: Vec<ToolSample>,
     /// Its height over the paper: when [s], how high [m].
     pub(crate) heights: Vec<(f64, f64)>,
@@ -43,6 +45,29 @@ pub(crate) struct Gathered {
     pub(crate) echo: serde_json::Value,
     /// The player's own report.
     pub(crate) player: serde_json::Value,
+}
+
+impl Gathered {
+    /// What a page shows of it; `errors`: of the part that counts.
+    pub(crate) fn run(&self, errors: Vec<ErrorSample>) -> Run {
+        let mut run = Run {
+            pen: self.pen.clone(),
+            joints: self.measured.clone(),
+            tool: self.tool.clone(),
+            heights: self.heights.clone(),
+            compared: self.ticks.iter().filter_map(|tick| tick.compared).collect(),
+            trust: self.ticks.iter().map(|tick| (tick.t_s, tick.trust)).collect(),
+            errors,
+            ..Run::default()
+        };
+        for ghost in self.ticks.iter().filter_map(|tick| tick.ghost) {
+            // The arm's lag is measured anew again and again, so that two commands may change places.
+            if run.ghost.last().is_none_or(|last| last.t_s < ghost.t_s) {
+                run.ghost.push(ghost);
+            }
+        }
+        run
+    }
 }
 
 /// One latched stop.
@@ -71,21 +96,9 @@ pub(crate) struct TickNote {
     pub(crate) ghost_apart_m: Option<f64>,
     /// Where the ghost's tool was and when, behind an arm as late as the real one; as long as they can be
     /// compared.
-    pub(crate) ghost: Option<ToolSample>,
+    pub(crate) ghost: Option<GhostSample>,
     /// Both errors at one instant.
-    pub(crate) compared: Option<ComparedNote>,
-}
-
-/// How far the tool and its ghost were from the pen at one instant.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct ComparedNote {
-    /// [s]
-    pub(crate) t_s: f64,
-    /// [m]
-    pub(crate) error_m: f64,
-    /// [m]
-    pub(crate) ghost_error_m: f64,
-    pub(crate) contact: bool,
+    pub(crate) compared: Option<Compared>,
 }
 
 /// Largest velocity and acceleration that commands asked of each joint, and the command before.
@@ -125,9 +138,6 @@ impl TickNote {
     pub(crate) fn of(record: &TickRecord) -> Self {
         let ([x, y, _], [ghost_x, ghost_y, _]) = (record.tool_m, record.ghost_tool_m);
         let comparable = record.ghost_state == u32::from(GhostState::Comparable);
-        let lag = &record.arm_lag;
-        let late_s = if lag.is_known() { lag.shift_s } else { lag.dead_time_ns as f64 * 1e-9 };
-        let judged = record.compared_ns > 0 && record.error_m >= 0.0 && record.ghost_error_m >= 0.0;
         Self {
             t_s: record.release_ns as f64 * 1e-9,
             stage_ns: record.stage_ns,
@@ -135,17 +145,8 @@ impl TickNote {
             health: record.health,
             mode: record.mode,
             ghost_apart_m: comparable.then(|| (x - ghost_x).hypot(y - ghost_y)),
-            ghost: comparable.then_some(ToolSample {
-                t_s: record.command_stamp_ns as f64 * 1e-9 + late_s,
-                x_m: ghost_x,
-                y_m: ghost_y,
-            }),
-            compared: judged.then_some(ComparedNote {
-                t_s: record.compared_ns as f64 * 1e-9,
-                error_m: record.error_m,
-                ghost_error_m: record.ghost_error_m,
-                contact: record.compared_contact == 1,
-            }),
+            ghost: GhostSample::of(record),
+            compared: Compared::of(record),
         }
     }
 
@@ -165,17 +166,23 @@ pub(crate) fn pen(file: &Path, plane: &Plane) -> Result<Vec<PathSample>, Failure
     Ok(placed.collect())
 }
 
-/// Where a tool was, how high it was over the paper (when [s], how high [m]), and its extremes.
-pub(crate) type Tool = (Vec<ToolSample>, Vec<(f64, f64)>, Option<Extent>);
+/// The arm's record, as `Gathered` has it.
+#[derive(Debug, Default)]
+pub(crate) struct Arm {
+    pub(crate) measured: Vec<(f64, [f64; JOINTS])>,
+    pub(crate) tool: Vec<ToolSample>,
+    pub(crate) heights: Vec<(f64, f64)>,
+    pub(crate) extent: Option<Extent>,
+}
 
-/// The arm's record as positions and heights of its tool in the plane frame, and where that tool has been.
-pub(crate) fn tool(file: &Path, config: &Config, plane: &Plane) -> Result<Tool, Failure> {
+/// The arm's record, with the positions and heights of its tool in the plane frame.
+pub(crate) fn arm(file: &Path, config: &Config, plane: &Plane) -> Result<Arm, Failure> {
     let wrong = |what: &dyn std::fmt::Display| {
         Failure::failed(format_args!("{}: {what}", file.display()), "the arm left no usable record")
     };
     let text = std::fs::read_to_string(file).map_err(|error| wrong(&error))?;
     let chain = &config.robot().chain;
-    let (mut tool, mut heights) = (Vec::new(), Vec::new());
+    let mut arm = Arm::default();
     let mut extent = ExtentWatch::new(&config.follower_settings());
     for (index, line) in text.lines().enumerate().skip(1) {
         let numbers: Result<Vec<f64>, _> = line.split(',').map(str::parse).collect();
@@ -184,11 +191,13 @@ pub(crate) fn tool(file: &Path, config: &Config, plane: &Plane) -> Result<Tool, 
         let q: [f64; JOINTS] =
             q.try_into().map_err(|_| wrong(&format_args!("line {}: not six joints", index + 1)))?;
         extent.see(&q);
-        let at: Vector3<f64> = plane.point_from_base(&chain.forward(&q).position);
-        tool.push(ToolSample { t_s: *t_s, x_m: at.x, y_m: at.y });
-        heights.push((*t_s, at.z));
+        let (tool, height) = tool_at(*t_s, &chain.forward(&q).position, plane);
+        arm.measured.push((*t_s, q));
+        arm.tool.push(tool);
+        arm.heights.push(height);
     }
-    Ok((tool, heights, extent.extent()))
+    arm.extent = extent.extent();
+    Ok(arm)
 }
 
 /// A child's own report.

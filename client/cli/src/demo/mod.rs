@@ -33,7 +33,7 @@ use crate::values;
 use crew::{Crew, Followed, Watch};
 use drawings::Drawings;
 use figures::{Figures, SettingFigures};
-use gathered::Gathered;
+use gathered::{Arm, Gathered};
 use scratch::Leftovers;
 pub(crate) use scratch::Scratch;
 use verdict::Finding;
@@ -163,7 +163,7 @@ impl Stage {
         let figures = figures::figures(&gathered, scored.as_ref(), &config, setting)?;
         let bounds = ExtentBounds::of(&config.follower_settings());
         let findings = verdict::of(&gathered, &figures, &bounds);
-        let drawings = Drawings::of(&gathered, &figures, scored.as_ref(), &bounds, turn_s);
+        let drawings = Drawings::of(&gathered, &figures, scored.as_ref(), &config, turn_s);
         Ok((figures, drawings, findings))
     }
 }
@@ -285,8 +285,8 @@ fn evidence_of(
     gathered.arm_said = arm_said;
     let plane = config.follower_settings().plane;
     gathered.pen = gathered::pen(&scratch.file("pen.csv"), &plane)?;
-    (gathered.tool, gathered.heights, gathered.extent) =
-        gathered::tool(&scratch.file("arm.csv"), config, &plane)?;
+    let Arm { measured, tool, heights, extent } = gathered::arm(&scratch.file("arm.csv"), config, &plane)?;
+    (gathered.measured, gathered.tool, gathered.heights, gathered.extent) = (measured, tool, heights, extent);
     gathered.arm = gathered::report(&scratch.file("arm.json"))?;
     if args.kind == "ur" {
         gathered.echo = gathered::report(&scratch.file("echo.json"))?;

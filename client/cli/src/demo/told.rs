@@ -1,5 +1,6 @@
 //! The table of a demo for people: each quantity once, under one name, with the ghost's value beside it.
 
+use foretrace_record::page::late_words;
 use serde_json::Value;
 
 use super::figures::Figures;
@@ -43,30 +44,20 @@ const fn told(at: &'static str, value: Option<f64>) -> Told {
 
 /// The arm. Scored together with its ghost where one ran, else from the records of arm and pen alone.
 pub(crate) fn arm(figures: &Figures) -> Option<Against> {
-    let (ghost, tracking) = (&figures.ghost, &figures.tracking);
-    let session = &ghost.comparison.session;
-    if session.rms_m.is_some() {
-        return Some(Against {
-            rms_m: told("/ghost/session/rms_m", session.rms_m),
-            max_m: told("/ghost/max_m", ghost.max_m),
-            lag_ms: told("/ghost/session/lag_ms", session.lag_ms),
-        });
-    }
-    tracking.as_ref().map(|score| Against {
-        rms_m: told("/tracking/rmse_m", Some(score.rmse_m)),
-        max_m: told("/tracking/max_m", Some(score.max_m)),
-        lag_ms: told("/tracking/lag_ms", Some(score.lag_ms)),
+    figures.tracking.as_ref().map(|score| Against {
+        rms_m: told("/tracking/rms_m", Some(score.rms_m)),
+        max_m: told("/tracking/max_m", score.max_m),
+        lag_ms: told("/tracking/lag_ms", score.lag_ms),
     })
 }
 
 /// The ghost, where it could be compared.
 pub(crate) fn ghost(figures: &Figures) -> Option<Against> {
-    let ghost = &figures.ghost;
-    let session = &ghost.comparison.session;
-    session.ghost_rms_m.map(|rms_m| Against {
-        rms_m: told("/ghost/session/ghost_rms_m", Some(rms_m)),
-        max_m: told("/ghost/ghost_max_m", ghost.ghost_max_m),
-        lag_ms: told("/ghost/session/ghost_lag_ms", session.ghost_lag_ms),
+    let score = figures.tracking.as_ref()?;
+    score.ghost_rms_m.map(|rms_m| Against {
+        rms_m: told("/tracking/ghost_rms_m", Some(rms_m)),
+        max_m: told("/tracking/ghost_max_m", score.ghost_max_m),
+        lag_ms: told("/tracking/ghost_lag_ms", score.ghost_lag_ms),
     })
 }
 
@@ -82,9 +73,21 @@ fn counters(figures: &Figures) -> Option<String> {
     Some(format!("bridge: {bridge}; a bare echo pair beside it: {pair}"))
 }
 
+/// Why ticks ended too late; none if none did.
+pub(crate) fn late(figures: &Figures) -> Option<String> {
+    let looped = &figures.control_loop;
+    let told = late_words(looped.overruns_by_wakeup, looped.overruns_by_work);
+    let others = match figures.overruns_unexplained() {
+        0 => String::new(),
+        others => format!("{others} before the arm was armed, or without a record"),
+    };
+    let words = [told, others].into_iter().filter(|words| !words.is_empty()).collect::<Vec<_>>().join(", ");
+    (!words.is_empty()).then_some(words)
+}
+
 /// Label and value.
 pub(crate) fn rows(figures: &Figures) -> Vec<(&'static str, String)> {
-    let Figures { control_loop, envelope, commands, pen, learner, trust, .. } = figures;
+    let Figures { control_loop, envelope, commands, joints, pen, learner, trust, .. } = figures;
     let spread = |q: &Quantiles| {
         format!("p50 {:.1}, p99 {:.1}, p99.9 {:.1}, max {:.1} µs", q.p50, q.p99, q.p99_9, q.max)
     };
@@ -96,7 +99,7 @@ pub(crate) fn rows(figures: &Figures) -> Vec<(&'static str, String)> {
     let ms = |of: &Against| of.lag_ms.words(1.0, 1, "ms");
     let without = |words: &dyn Fn(&Against) -> String| {
         ghost.as_ref().map_or_else(
-            || format!("; without prediction: not compared ({})", figures.ghost.comparison.state),
+            || format!("; without prediction: not compared ({})", figures.ghost.state),
             |ghost| format!("; without prediction (the ghost): {}", words(ghost)),
         )
     };
@@ -110,22 +113,23 @@ pub(crate) fn rows(figures: &Figures) -> Vec<(&'static str, String)> {
         (
             "commands",
             format!(
-                "{} received, {} limit violations; at most {:.3} rad/s, {:.2} rad/s²",
+                "{} received, {} limit violations; at most {:.0} % of a joint's velocity limit, {:.0} % of its \
+                 acceleration limit",
                 number("count"),
                 figures.limit_violations(),
-                number("max_velocity_radps"),
-                number("max_acceleration_radps2")
+                100.0 * Figures::largest_share(&joints.velocity_share),
+                100.0 * Figures::largest_share(&joints.acceleration_share)
             ),
         ),
         ("tool", envelope.as_ref().map_or_else(|| "not measured".to_owned(), ToString::to_string)),
         (
             "loop",
             format!(
-                "{:.0} Hz, {} ticks, {} ended too late ({} by late wake-up), {} periods skipped",
+                "{:.0} Hz, {} ticks, {} ended too late{}, {} periods skipped",
                 control_loop.rate_hz,
                 control_loop.ticks,
                 control_loop.overruns,
-                control_loop.overruns_by_wakeup,
+                late(figures).map_or_else(String::new, |words| format!(" ({words})")),
                 control_loop.skipped_ticks
             ),
         ),
