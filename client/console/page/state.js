@@ -30,7 +30,6 @@ export class State {
     while (this.errors.length && now - this.errors[0][0] > SECONDS * 1000) this.errors.shift();
     if (state && here.daemon) this.words(state);
     this.measured(frame);
-    this.heard = new Date();
     this.plot();
   }
 
@@ -66,7 +65,10 @@ export class State {
     const { mode, refused } = this.parts;
     mode.textContent = now.mode;
     mode.className = `mode ${now.live ? now.mode : ""}`;
-    if (now.live) return;
+    if (now.live) {
+      this.heard = new Date();
+      return;
+    }
     if (this.heard) write(this.parts.now, `last known at ${clock(this.heard)}`);
     refused.replaceChildren();
     this.refusals = new Map();
