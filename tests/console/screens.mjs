@@ -6,11 +6,12 @@ const PHONE = 700;
 // In the page: what is wrong with what a person sees, in words.
 function flaws() {
   const found = [];
-  const phone = innerWidth <= 700;
+  // A phone's browser shows more of a page that is too wide: the window grows, its root does not.
+  const { clientWidth: wide, clientHeight: high, scrollWidth, scrollHeight } = document.documentElement;
+  const phone = wide <= 700;
   const called = (one) => (one.id ? `#${one.id}` : `${one.tagName.toLowerCase()} ${JSON.stringify(one.textContent.trim().slice(0, 24))}`);
-  const sides = document.documentElement.scrollWidth - innerWidth;
-  if (sides > 0) found.push(`the page is ${sides} px too wide`);
-  if (!phone && document.documentElement.scrollHeight > innerHeight) found.push("the page is higher than the screen");
+  if (scrollWidth > wide) found.push(`the page is ${scrollWidth - wide} px too wide`);
+  if (!phone && scrollHeight > high) found.push("the page is higher than the screen");
   const inside = (box, outer) => box.left >= outer.left - 1 && box.right <= outer.right + 1 && box.top >= outer.top - 1 && box.bottom <= outer.bottom + 1;
   for (const one of document.querySelectorAll("header, section, header *, section *")) {
     if (!one.checkVisibility() || ["OPTION", "WBR"].includes(one.tagName)) continue;
@@ -41,7 +42,7 @@ function flaws() {
   for (const id of ["pad", "stop", "hold"]) {
     const one = document.getElementById(id);
     const box = one.getBoundingClientRect();
-    if (!inside(box, { left: 0, top: 0, right: innerWidth, bottom: innerHeight })) found.push(`#${id} is outside of the screen`);
+    if (!inside(box, { left: 0, top: 0, right: wide, bottom: high })) found.push(`#${id} is outside of the screen`);
     const above = document.elementFromPoint(box.left + box.width / 2, box.top + box.height / 2);
     if (above !== one) found.push(`#${id} is covered`);
   }
@@ -53,12 +54,14 @@ function flaws() {
 async function sizes({ check, pause, more }, page, sizes, what) {
   for (const [width, height] of sizes) {
     for (const scheme of ["light", "dark"]) {
-      await page.setViewportSize({ width, height });
+      // A screen that is made anew forgets the fingers on it.
+      const now = page.viewportSize();
+      if (now.width !== width || now.height !== height) await page.setViewportSize({ width, height });
       await page.emulateMedia({ colorScheme: scheme });
       await page.evaluate(() => scrollTo(0, 0));
       await pause(600);
       await page.screenshot({ path: `${more}/console-${width}x${height}-${what}-${scheme}.png` });
-      if (width <= PHONE) await page.screenshot({ path: `${more}/console-${width}x${height}-${what}-${scheme}-whole.png`, fullPage: true });
+      if (width <= PHONE && what === "stopped") await page.screenshot({ path: `${more}/console-${width}x${height}-${what}-${scheme}-whole.png`, fullPage: true });
       const found = await page.evaluate(flaws);
       check(`${what} at ${width} by ${height}, ${scheme}: everything is whole and at hand`, found.length === 0, found.join("; "));
     }
@@ -80,7 +83,7 @@ export async function spoiled({ check }, page, rules) {
 
 // One finger holds, another one arms, draws and stops; `address` lets it control.
 export async function phone({ check, until, pause, open, more }, browser, address) {
-  const page = await open(browser, address, { viewport: { width: 390, height: 844 }, hasTouch: true, isMobile: true, deviceScaleFactor: 2 });
+  const page = await open(browser, address, { viewport: { width: 390, height: 844 }, hasTouch: true, isMobile: true });
   await until("a phone that controls", () => page.evaluate(() => globalThis.foretrace.mine
     && globalThis.foretrace.clock.uncertaintyMs !== null), 30);
   const cdp = await page.context().newCDPSession(page);
@@ -89,8 +92,8 @@ export async function phone({ check, until, pause, open, more }, browser, addres
     const box = document.querySelector(selector).getBoundingClientRect();
     return { x: box.left + box.width / 2, y: box.top + box.height / 2 };
   }, selector);
-  const held = () => page.evaluate(() => document.getElementById("hold").classList.contains("held"));
-  const mode = () => page.evaluate(() => document.getElementById("mode").textContent);
+  const held = () => page.evaluate(() => globalThis.foretrace.newest?.here.held);
+  const mode = () => page.evaluate(() => globalThis.foretrace.newest?.state?.mode);
   const at = { hold: await middle("#hold"), arm: await middle('[data-ask=\'{"arm":true}\']'),
     disarm: await middle('[data-ask=\'{"disarm":true}\']'), pad: await middle("#pad"), stop: await middle("#stop") };
   const thumb = { ...at.hold, id: 0 };
@@ -146,7 +149,7 @@ export async function phone({ check, until, pause, open, more }, browser, addres
   check("the finger that draws may come first", true);
   await until("a stop at the pad", () => page.evaluate(() => document.querySelector('#standing[data-kind="stopped"]')?.checkVisibility()), 20);
   await sizes({ check, pause, more }, page, SIZES.filter(([width]) => width <= PHONE), "stopped");
-  await spoiled({ check }, page, ["dd { width: 2.5ch; word-break: break-all }", "#clear { min-height: 30px }", ".told { height: 4px }",
+  await spoiled({ check }, page, ["dd { width: 2.5ch; word-break: break-all }", "#clear { min-height: 0; height: 30px }", ".told { height: 4px }",
     "main { width: 120vw }", "section.pad { height: 900px }", "#standing { margin-top: 60vh }"]);
   check("the phone reports no error of its own", page.faults.length === 0, page.faults.join("; "));
   await page.tap("#control");

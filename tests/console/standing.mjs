@@ -57,8 +57,12 @@ export async function sheet({ check }, page) {
   const picture = await saved("#save-png");
   check("and as PNG", picture.name.endsWith(".png") && picture.bytes.subarray(1, 4).toString() === "PNG" && picture.bytes.readUInt32BE(16) === 2400,
     `${picture.bytes.length} bytes`);
-  await page.click("#clear");
-  check("and cleared", await page.evaluate(() => { const { ink, tool, ghost } = globalThis.foretrace.pad; return ink.length + tool.length + ghost.length < 3; }));
+  const left = await page.evaluate(() => {
+    document.getElementById("clear").click();
+    const { ink, tool, ghost } = globalThis.foretrace.pad;
+    return ink.length + tool.length + ghost.length;
+  });
+  check("and cleared", left === 0, `${left} points left`);
 }
 
 export async function told({ check, pause, until }, page) {
@@ -169,7 +173,7 @@ export async function ended({ check, until, end, more }, page, console_) {
     && after.mode === "no link" && after.looks.trim() === "mode" && after.now.startsWith("last known at"), JSON.stringify(after));
   check("nobody seems to control", !/^This page|^The page/.test(after.control) && after.bound && !after.held, after.control);
   check("Stop does not look active", after.stop.off && after.stop.ground !== before.stop.ground, after.stop.ground);
-  await page.click("#stop");
+  await page.click("#stop", { force: true });
   const words = await page.evaluate(() => document.getElementById("answers").textContent);
   check("and says that it was not sent", words.includes("Stop could not be sent"), words);
   await page.screenshot({ path: `${more}/console-ended.png` });

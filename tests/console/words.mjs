@@ -14,12 +14,12 @@ const here = { daemon: true, pen: null, dead_man: null, held: false, controller:
   hold_note: null, writing: false };
 const state = { mode: "following", stopped: null, age_ms: 40 };
 const stopped = { why: "dead-man switch not held", evidence: "silent for 160 ms", remedy: "hold it, then arm again" };
-const page = { linked: true, before: true, silentMs: 30, mine: true, frame: { here, state } };
+const page = { linked: true, before: true, silentMs: 30, askedMs: 40, mine: true, frame: { here, state } };
 
 const runs = standing(page);
 check("a loop that follows is live and says nothing over the pad", runs.live && runs.follows && runs.title === "");
 const dead = [
-  { linked: false }, { linked: false, before: false }, { silentMs: 2000 }, { frame: null },
+  { linked: false }, { linked: false, before: false }, { silentMs: 2000 }, { askedMs: 3000 }, { frame: null },
   { frame: { here: { ...here, daemon: false }, state } }, { frame: { here, state: { ...state, age_ms: 5000 } } },
   { frame: { here, state: null } },
 ].map((change) => ({ now: standing({ ...page, ...change }), frame: change.frame === undefined ? page.frame : change.frame }));

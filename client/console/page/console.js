@@ -46,6 +46,8 @@ let socket = null;
 let before = false;
 let newest = null;
 let heardMs = 0;
+// Pings without an answer yet, by the time at which they were sent.
+let pings = [];
 let live = false;
 let mine = false;
 let arm = null;
@@ -64,6 +66,12 @@ const linked = () => socket !== null && socket.readyState === WebSocket.OPEN;
 
 function send(message) {
   if (linked()) socket.send(JSON.stringify(message));
+}
+
+function ping() {
+  if (!linked()) return;
+  pings.push(performance.now());
+  send({ ping: pings[pings.length - 1] });
 }
 
 // Dated, so that one that was long under way, or from before a stop, moves nothing: at the earliest moment that it may
@@ -107,7 +115,10 @@ function controls(now, refused, passing) {
 
 function hear(text) {
   const { pong, reply, control, scene, frame } = JSON.parse(text);
-  if (pong) clock.take(pong[0], pong[1], performance.now());
+  if (pong) {
+    clock.take(pong[0], pong[1], performance.now());
+    pings = pings.filter((sent) => sent > pong[0]);
+  }
   if (reply) said.add(reply.done, reply.words);
   if (control) {
     // A token that works once was used up: its key opens from here on, in this tab.
@@ -155,7 +166,8 @@ function show(frame) {
 
 // What is live, and everything that may not look so when it is not: looked at with each frame, and without any.
 function stand() {
-  const now = standing({ linked: linked(), before, silentMs: performance.now() - heardMs, frame: newest, mine });
+  const now = standing({ linked: linked(), before, silentMs: performance.now() - heardMs,
+    askedMs: pings.length ? performance.now() - pings[0] : 0, frame: newest, mine });
   const here = newest?.here;
   if (!now.live && live) arm?.frame({ arm: null, points: [] });
   live = now.live;
@@ -297,12 +309,13 @@ function connect() {
   socket.onopen = () => {
     before = true;
     heardMs = performance.now();
+    pings = [];
     if (owedMs !== null && performance.now() - owedMs < OWED_MS) {
       send({ stop: true });
       said.add(true, "The stop that found no link is sent now");
     }
     owedMs = null;
-    for (let count = 0; count < 8; count += 1) setTimeout(() => send({ ping: performance.now() }), 30 * count);
+    for (let count = 0; count < 8; count += 1) setTimeout(ping, 30 * count);
     if (token && !watches) send({ control: token });
     stand();
   };
@@ -315,7 +328,7 @@ function connect() {
   };
 }
 setInterval(stand, 250);
-setInterval(() => send({ ping: performance.now() }), 1000);
+setInterval(ping, 1000);
 connect();
 
 // For tests: what a person would see, in numbers.

@@ -2,8 +2,10 @@
 // Pure: it knows neither the page nor a clock.
 
 // Without a frame for so long nothing on the page counts as live; without a status of the daemon neither [ms].
+// An answer that has been under way for so long says that all that is shown is as old.
 export const SILENT_MS = 1500;
 const OLD_MS = 3000;
+const LATE_MS = 2500;
 // Modes in which a stroke is followed, from its beginning.
 const FOLLOWS = ["armed", "following", "holding"];
 
@@ -13,8 +15,9 @@ const sentence = (text) => {
   return whole && !/[.!?]$/.test(whole) ? `${whole}.` : whole;
 };
 
-// `linked`: the socket is open; `before`: it was open once; `silentMs`: since the newest frame.
-export function standing({ linked, before, silentMs, frame, mine }) {
+// `linked`: the socket is open; `before`: it was open once; `silentMs`: since the newest frame; `askedMs`: since the
+// oldest question that has no answer yet.
+export function standing({ linked, before, silentMs, askedMs, frame, mine }) {
   const dead = (kind, title, ...words) => ({ kind, live: false, follows: false, title, words, press: "" });
   if (!linked && !before) return { ...dead("waits", ""), mode: "connecting" };
   if (!linked) {
@@ -26,6 +29,10 @@ export function standing({ linked, before, silentMs, frame, mine }) {
   if (silentMs > SILENT_MS) {
     return { ...dead("silent", "Nothing comes from the console any more", "Nothing on this page is live. Stop is still "
       + "sent, but may not arrive: use the arm's own stop button."), mode: "no news" };
+  }
+  if (askedMs > LATE_MS) {
+    return { ...dead("late", "What comes from the console is seconds old", "The link or this device is too slow: nothing on "
+      + "this page is live. Stop is sent, but may arrive late: use the arm's own stop button."), mode: "no news" };
   }
   const { here, state } = frame;
   if (!here.daemon) {
