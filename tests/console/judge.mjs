@@ -461,9 +461,9 @@ async function judge(browser) {
   await phone(tools, browser, address);
   await page.click("#control");
   await until("the control asked for", () => page.evaluate(() => globalThis.foretrace.mine), 20);
-  await silent(tools, page, console_);
   const faults = [...page.faults, ...watcher.faults];
   check("no page reports an error of its own", faults.length === 0, faults.join("; "));
+  await silent(tools, page, console_);
   await watcher.context().close();
   await ended(tools, page, console_);
   await page.context().close();

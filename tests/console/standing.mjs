@@ -94,6 +94,8 @@ export async function told({ check, pause, until }, page) {
 
 // Buttons and headings.
 export async function names({ check }, page) {
+  // What the mouse is over looks different.
+  await page.mouse.move(2, 2);
   const looks = await page.evaluate(() => [...document.querySelectorAll("button")].map((button) => {
     const disabled = button.closest("fieldset")?.disabled;
     const { backgroundColor, color, borderColor, fontWeight } = getComputedStyle(button);

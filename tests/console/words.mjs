@@ -1,6 +1,6 @@
 // What the page says of how things stand, and what it saves: judged without a browser.
 
-import { control, followed, note, standing, told } from "./page/live.js";
+import { control, followed, holder, note, standing, told } from "./page/live.js";
 import { svg } from "./page/sheet.js";
 
 let passed = 0;
@@ -45,6 +45,9 @@ check("a hand is followed only on the page that controls, whose pen is taken, wh
   && !followed(runs, { here: { ...here, writing: true }, state }, true) && !followed(runs, { here: { ...here, pen_note: "held" }, state }, true));
 check("angles and places that are no numbers are not shown", told({ joints_rad: [0, 1, 2, 3, 4, null], tool_m: [0.1, 0.2] }).joints === null
   && told({ joints_rad: [0, 1, 2, 3, 4, 5] }).joints.length === 6 && told({ here, state }).note === null);
+
+check("who holds is named without what changes every second",
+  holder("the browser 10.0.0.7:34466 (process 4606) since 3 s") === "the browser 10.0.0.7:34466" && holder(null) === "nobody");
 
 const ink = [[0, 0, false, true], [0, 0, true, true], [0.01, 0.01, true, true], [0.02, 0.01, true, false], [0.02, 0.01, false, false]];
 const sheet = svg({ ghost: [], tool: [], ink }, [[-0.06, 0.06], [-0.04, 0.04]], (name) => name);

@@ -6,7 +6,7 @@ import { State } from "./state.js";
 import { Hold } from "./hold.js";
 import { Said, write } from "./said.js";
 import { touch } from "./touch.js";
-import { control as controller, followed, note, standing } from "./live.js";
+import { control as controller, followed, holder, note, standing } from "./live.js";
 import { png, save, svg } from "./sheet.js";
 
 const byId = (id) => document.getElementById(id);
@@ -178,7 +178,8 @@ function stand() {
   const words = controller(now, newest, mine);
   write(byId("control-note"), words);
   write(byId("pad-note"), note({ now, frame: newest, mine, clutched: pad.clutched }));
-  write(byId("link"), now.live ? `pen: ${here.pen ?? "nobody"} · dead-man switch: ${here.dead_man ?? "nobody"}` : now.title);
+  write(byId("link"), now.live ? `pen: ${holder(here.pen)} · dead-man switch: ${holder(here.dead_man)}` : now.title);
+  byId("link").title = now.live ? [here.pen, here.dead_man].filter(Boolean).join("; ") : "";
   hold.shown(now.live && mine && here.held);
   const stop = byId("stop");
   stop.classList.toggle("off", !linked());

@@ -78,14 +78,17 @@ export function told(frame) {
     note: note?.text ? { text: note.text, to_do: note.to_do ?? "", age_s: note.age_s } : null };
 }
 
+// A name without what changes every second, or fills a phone's line.
+export const holder = (text) => (text ?? "nobody").replace(/ \(process \d+\)| since \d+ \w+/g, "");
+
 // What may be done here, beside the pad.
 export function note({ now, frame, mine, clutched }) {
   if (now.kind === "waits") return "";
   if (!now.live) return "What you draw now is not followed.";
   const { here } = frame;
   if (!mine) return "Take control to write here.";
-  if (here.pen_note) return here.pen_note;
-  if (here.hold_note) return here.hold_note;
+  if (here.pen_note) return holder(here.pen_note);
+  if (here.hold_note) return holder(here.hold_note);
   if (now.kind === "stopped") return "What you draw now is not followed.";
   if (!now.follows) return `The arm does not follow: it is ${now.mode}. Press Arm.`;
   if (clutched) return "Clutched: the hand moves, the arm stays.";
