@@ -6,6 +6,8 @@ import { readFileSync, writeFileSync } from "node:fs";
 import { createInterface } from "node:readline";
 import { chromium } from "playwright-core";
 import { clutch, finger, lan, mouse, strangers } from "./others.mjs";
+import { desktops, phone } from "./screens.mjs";
+import { barrel, dim, ended, measured, names, sheet, silent, told } from "./standing.mjs";
 
 const { CHROMIUM, PROGRAM, SCRATCH, PICTURES, MORE_PICTURES } = process.env;
 const root = [`--root=${SCRATCH}/root`, "--instance=7"];
@@ -170,7 +172,7 @@ function previewed() {
   return [...show([-0.02, 0.045, 0.004], path), "|", ...show(null, [])];
 }
 
-const tools = { check, until, pause, open, start, end, draw };
+const tools = { check, until, pause, open, start, end, draw, more: MORE_PICTURES };
 const circle = (share) => [0.03 * Math.cos(2 * Math.PI * share), 0.03 * Math.sin(2 * Math.PI * share)];
 
 // Pictures of a loop that follows the built-in writer, as the documents show them, while the machine lets it be.
@@ -194,6 +196,7 @@ async function pictures(page) {
     await pause(400);
     wanted.dark = await page.screenshot();
     await page.emulateMedia({ colorScheme: "light" });
+    await page.setViewportSize({ width: 1100, height: 900 });
     await page.click('[data-view="follow"]');
     await pause(1200);
     // The strip: hand, arm and state side by side, of one moment.
@@ -348,6 +351,11 @@ async function judge(browser) {
   });
   check("stamps stay out of the future", ahead.every((seconds) => seconds < 0.1), ahead.map((seconds) => `${seconds.toFixed(3)} s`).join(", "));
   await page.click('[data-ask=\'{"trust_auto":true}\']');
+  await names(tools, page);
+  await barrel(tools, page);
+  await awake();
+  await desktops(tools, page, "running");
+  await page.setViewportSize({ width: 1280, height: 720 });
   await strangers(tools, browser, address, page);
   await finger({ ...tools, pictures: PICTURES }, page);
   await mouse({ ...tools, pictures: PICTURES }, page);
@@ -416,9 +424,16 @@ async function judge(browser) {
   await until("the control after a reload", () => page.evaluate(() => globalThis.foretrace.mine
     && globalThis.foretrace.clock.uncertaintyMs !== null), 20);
   check("a reload keeps the token", true);
-  await until("the reason of the stop", () => page.evaluate(() => !document.getElementById("stopped").hidden), 20);
-  const told = await page.evaluate(() => document.getElementById("stopped").textContent);
-  check("the stop is told with its remedy", told.includes("dead-man"), told);
+  const reason = () => page.evaluate(() => document.querySelector('#standing[data-kind="stopped"]')?.textContent ?? "");
+  await until("the reason of the stop", reason, 20);
+  const why = await reason();
+  check("the stop is told at the pad, with its remedy and what to press", why.includes("dead-man") && why.includes("press Arm"), why);
+  await told(tools, page);
+  await measured(tools, page);
+  await dim({ ...tools, circle }, page);
+  await sheet(tools, page);
+  await desktops(tools, page, "stopped");
+  await page.setViewportSize({ width: 1280, height: 720 });
   let answers = "";
   await until("arming by the page", async () => {
     // A busy machine stops the loop again.
@@ -441,11 +456,17 @@ async function judge(browser) {
   check("a page without token can stop the arm", true);
   await page.mouse.up();
   await relinked(page);
+  await page.click("#control");
+  await until("the control given back", () => page.evaluate(() => !globalThis.foretrace.mine), 10);
+  await phone(tools, browser, address);
+  await page.click("#control");
+  await until("the control asked for", () => page.evaluate(() => globalThis.foretrace.mine), 20);
   const faults = [...page.faults, ...watcher.faults];
   check("no page reports an error of its own", faults.length === 0, faults.join("; "));
+  await silent(tools, page, console_);
   await watcher.context().close();
+  await ended(tools, page, console_);
   await page.context().close();
-  await end(console_);
   await lan({ ...tools, circle }, browser);
   check("the stop is logged with its address", /stop, asked for by the page of 127\.0\.0\.1:\d+/.test(console_.told), "");
   check("the daemon runs on", daemon.exitCode === null);

@@ -18,7 +18,8 @@ fetch() { (cd "$1" && npm ci --ignore-scripts --no-audit --no-fund --silent); }
 
 mkdir "$scratch/bundle" "$scratch/page"
 cp client/console/bundle/{package.json,package-lock.json,three.entry.js} "$scratch/bundle"
-cp tests/console/{package.json,package-lock.json,judge.mjs,others.mjs} "$scratch"
+cp tests/console/{package.json,package-lock.json,judge.mjs,others.mjs,screens.mjs,standing.mjs,words.mjs} "$scratch"
+cp client/console/page/{live,sheet}.js "$scratch/page"
 if ! fetch "$scratch/bundle" || ! fetch "$scratch"; then
   echo "console: skipped: npm cannot have the packages of the lock files here"
   exit 0
@@ -26,6 +27,8 @@ fi
 (cd "$scratch/bundle" && npm run --silent bundle)
 cmp "$scratch/page/three.bundle.js" client/console/page/three.bundle.js
 echo "ok  three.bundle.js is what its lock file makes"
+
+node "$scratch/words.mjs"
 
 program=${FORETRACE:-target/release/foretrace}
 if [[ -z ${FORETRACE:-} ]]; then

@@ -3,6 +3,11 @@
 import { Pad } from "./pad.js";
 import { Arm } from "./arm.js";
 import { State } from "./state.js";
+import { Hold } from "./hold.js";
+import { Said, write } from "./said.js";
+import { touch } from "./touch.js";
+import { control as controller, followed, holder, note, standing } from "./live.js";
+import { png, save, svg } from "./sheet.js";
 
 const byId = (id) => document.getElementById(id);
 // A tab keeps the token over a reload; it stays out of the history and of pictures of the screen.
@@ -34,8 +39,16 @@ class Clock {
 
 const clock = new Clock();
 const state = new State({ figures: byId("figures"), errors: byId("errors"), now: byId("error-now"),
-  mode: byId("mode"), stopped: byId("stopped"), refused: byId("refused") });
+  mode: byId("mode"), refused: byId("refused"), joints: byId("joints"), note: byId("arm-note") });
+const said = new Said(byId("answers"));
 let socket = null;
+// Whether there was a link once, and what came over it last, when.
+let before = false;
+let newest = null;
+let heardMs = 0;
+// Pings without an answer yet, by the time at which they were sent.
+let pings = [];
+let live = false;
 let mine = false;
 let arm = null;
 let frames = 0;
@@ -45,22 +58,35 @@ let recording = false;
 let wanted = 0;
 // A person gave the control back: a new link takes it no more by itself.
 let watches = false;
+// A stop that found no link goes with the next one that comes within this time [ms].
+const OWED_MS = 5000;
+let owedMs = null;
+
+const linked = () => socket !== null && socket.readyState === WebSocket.OPEN;
 
 function send(message) {
-  if (socket && socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message));
+  if (linked()) socket.send(JSON.stringify(message));
+}
+
+function ping() {
+  if (!linked()) return;
+  pings.push(performance.now());
+  send({ ping: pings[pings.length - 1] });
 }
 
 // Dated, so that one that was long under way, or from before a stop, moves nothing: at the earliest moment that it may
 // have been by the server's clock.
 function order(kind, what) {
   const us = clock.stampUs(performance.now() - clock.uncertaintyMs);
-  if (us === null) answer(false, "not asked for: the clock is not known yet; try again");
+  if (us === null) said.add(false, "not asked for: the clock is not known yet; try again");
   else send({ [kind]: [what, us] });
 }
 
 function stop() {
   stops += 1;
-  send({ stop: true });
+  if (linked()) return send({ stop: true });
+  owedMs = performance.now();
+  said.add(false, "Stop could not be sent: no link to the console. Use the arm's own stop button.");
 }
 
 const pad = new Pad(byId("pad"), clock, {
@@ -68,44 +94,43 @@ const pad = new Pad(byId("pad"), clock, {
   rate: (words) => { byId("pad-rate").textContent = words; },
 });
 
-function answer(done, words) {
-  const line = document.createElement("li");
-  line.textContent = words;
-  if (!done) line.className = "no";
-  const list = byId("answers");
-  list.prepend(line);
-  while (list.children.length > 4) list.lastChild.remove();
-}
-
 function controls(now, refused, passing) {
   if (mine && !now) hold.letGo();
   mine = now;
   byId("bound").disabled = !mine;
-  byId("control").textContent = mine ? "give it back" : "take control";
+  byId("bound-hand").disabled = !mine;
+  byId("control").textContent = mine ? "Give it back" : "Take control";
+  byId("control").classList.toggle("primary", !mine);
   if (mine) wanted = 0;
   if (refused && passing && wanted > 0) {
     wanted -= 1;
     setTimeout(() => send({ control: token }), 1000);
   } else if (refused) {
     wanted = 0;
-    answer(false, refused);
+    said.add(false, refused);
   }
   pad.enabled(mine);
+  stand();
 }
 
 function hear(text) {
-  const said = JSON.parse(text);
-  if (said.pong) clock.take(said.pong[0], said.pong[1], performance.now());
-  if (said.reply) answer(said.reply.done, said.reply.words);
-  if (said.control) {
-    // A token that works once was used up: its key opens from here on, in this tab.
-    if (said.control.key) token = kept(said.control.key);
-    controls(said.control.mine, said.control.refused, said.control.passing);
+  const { pong, reply, control, scene, frame } = JSON.parse(text);
+  if (pong) {
+    clock.take(pong[0], pong[1], performance.now());
+    pings = pings.filter((sent) => sent > pong[0]);
   }
-  if (said.scene) begin(said.scene);
-  if (said.frame) {
+  if (reply) said.add(reply.done, reply.words);
+  if (control) {
+    // A token that works once was used up: its key opens from here on, in this tab.
+    if (control.key) token = kept(control.key);
+    controls(control.mine, control.refused, control.passing);
+  }
+  if (scene) begin(scene);
+  if (frame) {
     frames += 1;
-    show(said.frame);
+    newest = frame;
+    heardMs = performance.now();
+    show(frame);
   }
 }
 
@@ -125,28 +150,60 @@ function begin(scene) {
 }
 
 function show(frame) {
-  pad.points(frame.points, frame.arm?.aim, frame.arm?.path);
-  if (arm) arm.frame(frame);
   state.frame(frame);
+  const now = stand();
+  if (now.live) {
+    pad.points(frame.points, frame.arm?.aim, frame.arm?.path);
+    if (arm) arm.frame(frame);
+  }
   const here = frame.here;
   const predictor = byId("predictor");
   if (frame.state && document.activeElement !== predictor) predictor.value = frame.state.predictor;
   const trust = byId("trust");
   if (frame.state && document.activeElement !== trust) trust.value = frame.state.trust;
-  byId("link").textContent = here.daemon
-    ? `pen: ${here.pen ?? "nobody"} · dead-man switch: ${here.dead_man ?? "nobody"}`
-    : "no daemon runs";
-  const other = here.controller && !mine ? `the page of ${here.controller} controls` : "";
-  byId("control-note").textContent = mine ? "this page controls" : other || "this page only watches";
-  byId("pad-note").textContent = note(here);
-  hold.shown(here.held && mine);
-  byId("recording").textContent = tape(here.recording);
+  write(byId("recording"), tape(here.recording));
+}
+
+// What is live, and everything that may not look so when it is not: looked at with each frame, and without any.
+function stand() {
+  const now = standing({ linked: linked(), before, silentMs: performance.now() - heardMs,
+    askedMs: pings.length ? performance.now() - pings[0] : 0, frame: newest, mine });
+  const here = newest?.here;
+  if (!now.live && live) arm?.frame({ arm: null, points: [] });
+  live = now.live;
+  document.body.dataset.live = live ? "yes" : "no";
+  state.standing(now);
+  pad.standing({ live: now.live, loops: now.follows, followed: Boolean(newest) && followed(now, newest, mine) });
+  reason(now);
+  const words = controller(now, newest, mine);
+  write(byId("control-note"), words);
+  write(byId("pad-note"), note({ now, frame: newest, mine, clutched: pad.clutched }));
+  write(byId("link"), now.live ? `pen: ${holder(here.pen)} · dead-man switch: ${holder(here.dead_man)}` : now.title);
+  byId("link").title = now.live ? [here.pen, here.dead_man].filter(Boolean).join("; ") : "";
+  hold.shown(now.live && mine && here.held);
+  const stop = byId("stop");
+  stop.classList.toggle("off", !linked());
+  stop.setAttribute("aria-disabled", String(!linked()));
+  return now;
+}
+
+// Why nothing follows, over the pad. A screen reader says it once: it is written anew only where it changes.
+function reason({ kind, title, words, press }) {
+  const box = byId("standing");
+  const told = JSON.stringify([kind, title, words, press]);
+  if (box.told === told) return;
+  box.told = told;
+  box.dataset.kind = kind;
+  box.hidden = !title;
+  const part = (name, text, className) => Object.assign(document.createElement(name), { textContent: text, className });
+  box.replaceChildren(part("strong", title, ""), ...words.filter(Boolean).map((text) => part("p", text, "")),
+    ...(press ? [part("p", press, "press")] : []));
 }
 
 // Where the recording goes, what was lost, and at the end what the run was worth.
 function tape({ on, ending, path, seconds, bytes, lost, full, figures, failed }) {
   recording = Boolean(on);
-  byId("record").textContent = on ? "end recording" : "record";
+  byId("record").textContent = on ? "End the recording" : "Record";
   byId("record").setAttribute("aria-pressed", String(recording));
   const mm = (value) => (value === null ? "not known" : `${value.toFixed(2)} mm`);
   const bound = full ? `; it ended by itself: no file may be larger than ${(full / 1e6).toFixed(0)} MB (--max-size)` : "";
@@ -159,51 +216,45 @@ function tape({ on, ending, path, seconds, bytes, lost, full, figures, failed })
     + `${figures.violations} violations in ${figures.commands} commands; max |jerk| ${figures.max_jerk_mps3.toFixed(1)} m/s³`;
 }
 
-function note(here) {
-  if (!mine) return "Take control to write here.";
-  if (here.pen_note) return here.pen_note;
-  if (here.hold_note) return here.hold_note;
-  if (pad.clutched) return "Clutched: the hand moves, the arm stays.";
-  if (here.writing) return "The built-in writer writes.";
-  return "Write with pen, finger or mouse. The paper's borders are the workspace.";
-}
-
-// Hold-to-run: said again and again while it is held, so that silence lets it go.
-const hold = {
-  timer: null,
-  button: byId("hold"),
+const hold = new Hold(byId("hold"), {
   // Dated, so that one that was long under way enables nothing; not said before the clock is known.
-  say(held) {
+  say: (held) => {
     const us = clock.stampUs(performance.now());
     if (us !== null) send({ hold: [held, us] });
   },
-  press() {
-    if (this.timer || !mine) return;
-    this.say(true);
-    this.timer = setInterval(() => this.say(true), 40);
-  },
-  letGo() {
-    if (!this.timer) return;
-    clearInterval(this.timer);
-    this.timer = null;
-    this.say(false);
-  },
-  shown(held) { this.button.classList.toggle("held", held); },
-};
-hold.button.addEventListener("pointerdown", (event) => {
-  if (event.button !== 0 || !event.isPrimary) return;
-  hold.button.setPointerCapture(event.pointerId);
-  hold.press();
+  may: () => mine,
+  stays: (target) => target === pad.canvas,
 });
-for (const name of ["pointerup", "pointercancel", "lostpointercapture", "blur"]) {
-  hold.button.addEventListener(name, () => hold.letGo());
-}
 document.addEventListener("visibilitychange", () => {
   if (document.hidden) { hold.letGo(); pad.leave(); }
 });
-addEventListener("blur", () => hold.letGo());
 
-byId("stop").addEventListener("click", stop);
+// At the first touch: a finger that moves a little, or a second one, makes no click. A keyboard makes nothing else.
+let touchedMs = -Infinity;
+byId("stop").addEventListener("pointerdown", (event) => {
+  if (event.button !== 0) return;
+  touchedMs = performance.now();
+  stop();
+});
+byId("stop").addEventListener("click", (event) => {
+  if (event.detail === 0 || performance.now() - touchedMs > 1000) stop();
+});
+touch(document, [byId("hold"), byId("stop")]);
+byId("clear").addEventListener("click", () => pad.clear());
+function keep(blob, ending) {
+  if (blob) said.add(true, `The sheet is saved as ${save(blob, ending)}`);
+  else said.add(false, "The sheet is not saved: this browser makes no picture of it");
+}
+function colours() {
+  const css = getComputedStyle(document.documentElement);
+  return (name) => css.getPropertyValue(name).trim();
+}
+byId("save-svg").addEventListener("click", () => {
+  if (pad.plane) keep(new Blob([svg(pad, pad.plane.workspace, colours())], { type: "image/svg+xml" }), "svg");
+});
+byId("save-png").addEventListener("click", async () => {
+  if (pad.plane) keep(await png(pad, pad.plane.workspace, colours()), "png");
+});
 byId("control").addEventListener("click", () => {
   watches = mine;
   send(mine ? { release: true } : { control: token });
@@ -247,30 +298,39 @@ addEventListener("keydown", (event) => {
   if ((event.key === "s" || event.key === "S") && !event.repeat && !typing(event.target)) stop();
   if ((event.key === "a" || event.key === "A") && !event.repeat && !picking(event.target)) order("ask", { arm: true });
   if ((event.key === "c" || event.key === "C") && !event.repeat && !picking(event.target)) clutch(true);
-  if (event.key === " " && holds(event.target)) { event.preventDefault(); if (!event.repeat) hold.press(); }
+  if (event.key === " " && holds(event.target)) { event.preventDefault(); if (!event.repeat) hold.press("key"); }
 });
 addEventListener("keyup", (event) => {
-  if (event.key === " ") hold.letGo();
+  if (event.key === " " && hold.by === "key") hold.letGo();
   if ((event.key === "c" || event.key === "C") && !picking(event.target)) clutch(false);
 });
 
 function connect() {
   socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/socket`);
   socket.onopen = () => {
-    for (let count = 0; count < 8; count += 1) setTimeout(() => send({ ping: performance.now() }), 30 * count);
+    before = true;
+    heardMs = performance.now();
+    pings = [];
+    if (owedMs !== null && performance.now() - owedMs < OWED_MS) {
+      send({ stop: true });
+      said.add(true, "The stop that found no link is sent now");
+    }
+    owedMs = null;
+    for (let count = 0; count < 8; count += 1) setTimeout(ping, 30 * count);
     if (token && !watches) send({ control: token });
+    stand();
   };
   socket.onmessage = (event) => hear(event.data);
   socket.onclose = () => {
     if (mine) wanted = 20;
+    newest = null;
     controls(false, null, false);
-    byId("link").textContent = "the console is gone; trying again";
-    byId("mode").textContent = "no link";
     setTimeout(connect, 1000);
   };
 }
-setInterval(() => send({ ping: performance.now() }), 1000);
+setInterval(stand, 250);
+setInterval(ping, 1000);
 connect();
 
 // For tests: what a person would see, in numbers.
-globalThis.foretrace = { pad, clock, state, drop: () => socket.close(), get linked() { return socket.readyState === WebSocket.OPEN; }, get stops() { return stops; }, get frames() { return frames; }, get mine() { return mine; }, get arm() { return arm; } };
+globalThis.foretrace = { pad, clock, state, hear, drop: () => socket.close(), get linked() { return linked(); }, get newest() { return newest; }, get stops() { return stops; }, get frames() { return frames; }, get mine() { return mine; }, get arm() { return arm; } };

@@ -1,5 +1,7 @@
 // The pad: every sample that the browser gives, in metres of the pen's plane, stamped on the server's clock.
 
+import { paint } from "./sheet.js";
+
 const CONTACT = 1, IN_RANGE = 2, BUTTON_1 = 4, BUTTON_2 = 8, ERASER = 32;
 // A pen at rest is sent again, because silence means that it is gone.
 const REPEAT_MS = 20;
@@ -37,9 +39,14 @@ export class Pad {
     this.flushed = 0;
     this.pending = [];
     this.intervals = [];
+    // Points of the traces: x, y, contact, and for ink whether it was followed.
     this.ink = [];
     this.tool = [];
     this.ghost = [];
+    // Whether this page's hand is followed, and whether anybody's is.
+    this.followed = false;
+    this.loops = false;
+    this.live = false;
     this.aim = null;
     this.path = [];
     // Pen metres per hand metre, and where the hand's zero lies for the pen.
@@ -82,6 +89,13 @@ export class Pad {
 
   paper(plane) { this.plane = plane; this.draw(); }
   enabled(may) { this.may = may; if (!may) this.leave(); this.draw(); }
+
+  // What is drawn from now on was followed, or was not; what leads nowhere any more is taken off.
+  standing({ live, loops, followed }) {
+    if (live !== this.live) this.ask();
+    Object.assign(this, { live, loops, followed });
+    if (!live) { this.aim = null; this.path = []; }
+  }
 
   // The paper on the canvas: as large as fits, in CSS pixels.
   frame() {
@@ -131,9 +145,9 @@ export class Pad {
     this.at = [px, py];
     if (this.lastEvent !== undefined) this.intervals.push(event.timeStamp - this.lastEvent);
     this.lastEvent = event.timeStamp;
-    if (this.other) keep(this.ink, [px, py, false]);
+    if (this.other) keep(this.ink, [px, py, false, this.followed]);
     this.other = null;
-    keep(this.ink, [px, py, (flags & CONTACT) !== 0]);
+    keep(this.ink, [px, py, (flags & CONTACT) !== 0, this.followed]);
   }
 
   // The pen's place for a hand that leads, both in plane metres.
@@ -166,7 +180,9 @@ export class Pad {
 
   // Buttons, pressure and tilt of an event.
   read(event) {
-    const contact = (event.buttons & 1) === 1 || (event.buttons & 32) === 32;
+    // A pen that touches while its side button is held tells the button alone: then its pressure says that it touches.
+    const presses = event.pointerType === "pen" && event.buttons !== 0 && event.pressure > 0;
+    const contact = (event.buttons & 1) === 1 || (event.buttons & 32) === 32 || presses;
     let flags = IN_RANGE;
     if (contact) flags |= CONTACT;
     if (event.buttons & 2) flags |= BUTTON_1;
@@ -259,7 +275,7 @@ export class Pad {
       // The hand of another page, a tablet or the writer; between two of them it leaps.
       if (!this.last) {
         const near = this.other && Math.hypot(px - this.other[0], py - this.other[1]) < LEAP;
-        keep(this.ink, [px, py, (flags & CONTACT) !== 0 && whole && Boolean(near)]);
+        keep(this.ink, [px, py, (flags & CONTACT) !== 0 && whole && Boolean(near), this.loops]);
         this.other = [px, py];
       }
       keep(this.tool, [x, y, writes]);
@@ -300,22 +316,7 @@ export class Pad {
     pen.strokeStyle = colour("--line");
     pen.lineWidth = 1;
     pen.strokeRect(left, top, (x1 - x0) * scale, (y1 - y0) * scale);
-    const trace = (points, style, thick) => {
-      pen.strokeStyle = style;
-      pen.lineWidth = thick;
-      pen.beginPath();
-      let down = false;
-      for (const [x, y, contact] of points) {
-        const [px, py] = at(x, y);
-        if (contact && down) pen.lineTo(px, py);
-        else pen.moveTo(px, py);
-        down = contact;
-      }
-      pen.stroke();
-    };
-    trace(this.ghost, colour("--ghost"), 1);
-    trace(this.tool, colour("--tool"), 2);
-    trace(this.ink, colour("--pen"), 2);
+    paint(pen, this, at, colour);
     if (this.aim) {
       const [px, py] = at(this.aim[0], this.aim[1]);
       pen.strokeStyle = colour("--aim");
@@ -328,8 +329,9 @@ export class Pad {
       pen.arc(px, py, Math.max((this.aim[2] ?? 0) * scale, 3), 0, 2 * Math.PI);
       pen.stroke();
     }
-    if (!this.may) {
+    if (!this.may && this.live) {
       pen.fillStyle = colour("--soft");
+      pen.font = "12px system-ui, sans-serif";
       pen.textAlign = "center";
       pen.fillText("watching", box.width / 2, box.height - 8);
     }

@@ -1,6 +1,12 @@
 // The state in words and figures, and the errors over time.
 
+import { clock, line, write } from "./said.js";
+import { told } from "./live.js";
+
 const SECONDS = 20;
+// A refusal is shown for so long [s]; one that is told again is the same one within the grain of two clocks [ms].
+const REFUSED_S = 10;
+const SAME_MS = 500;
 const number = (value, digits, unit = "") => (value === null || value === undefined ? "not known" : `${value.toFixed(digits)} ${unit}`.trim());
 
 export class State {
@@ -11,7 +17,8 @@ export class State {
     new ResizeObserver(() => this.plot()).observe(parts.errors);
   }
 
-  frame({ state, errors, here }) {
+  frame(frame) {
+    const { state, errors, here } = frame;
     const now = performance.now();
     // Another daemon counts from 1 again.
     if (errors.length && errors[errors.length - 1][0] < this.tick) this.tick = 0;
@@ -21,20 +28,56 @@ export class State {
       this.errors.push([now, error / 1000, ghost === null ? null : ghost / 1000]);
     }
     while (this.errors.length && now - this.errors[0][0] > SECONDS * 1000) this.errors.shift();
-    if (state) this.words(state, here);
+    if (state && here.daemon) this.words(state);
+    this.measured(frame);
     this.plot();
   }
 
-  words(state, here) {
-    const { mode, stopped, refused, now } = this.parts;
-    mode.textContent = here.daemon ? state.mode ?? "unknown" : "no daemon";
-    mode.className = `mode ${here.daemon ? state.mode ?? "" : ""}`;
-    stopped.hidden = !state.stopped;
-    if (state.stopped) {
-      stopped.textContent = `${state.stopped.why}${state.stopped.evidence ? `: ${state.stopped.evidence}` : ""}. ${state.stopped.remedy}`;
+  // What the arm's process tells of itself; rows that it does not tell are not shown.
+  measured(frame) {
+    const { joints, tool, note } = told(frame);
+    const rows = [
+      ["Joints 1 to 6 [°]", joints?.map((rad) => (rad * 180 / Math.PI).toFixed(1))],
+      ["Tool x, y, z [mm]", tool?.map((m) => (m * 1000).toFixed(1))],
+    ].filter(([, cells]) => cells);
+    const { joints: table, note: words } = this.parts;
+    table.hidden = rows.length === 0;
+    const shape = rows.map(([name]) => name).join();
+    if (table.shape !== shape) {
+      table.shape = shape;
+      table.tBodies[0].replaceChildren(...rows.map(([name, cells]) => {
+        const row = document.createElement("tr");
+        const head = document.createElement("th");
+        head.scope = "row";
+        head.textContent = name;
+        row.append(head, ...cells.map(() => document.createElement("td")));
+        return row;
+      }));
     }
-    now.textContent = state.error_mm === null ? `not compared (${state.ghost_state})`
-      : `${state.error_mm.toFixed(2)} mm rms; feedback alone ${state.ghost_mm === null ? "not known" : `${state.ghost_mm.toFixed(2)} mm`}`;
+    rows.forEach(([, cells], row) => cells.forEach((cell, index) => { table.rows[row].cells[index + 1].textContent = cell; }));
+    words.hidden = !note;
+    const ago = Number.isFinite(note?.age_s) ? ` (${note.age_s.toFixed(0)} s ago)` : "";
+    if (note) write(words, `The arm's process: ${note.text}${ago}${note.to_do ? `. ${note.to_do}` : ""}`);
+  }
+
+  // The mode, or why it is not known; nothing else is told of what is not live.
+  standing(now) {
+    const { mode, refused } = this.parts;
+    mode.textContent = now.mode;
+    mode.className = `mode ${now.live ? now.mode : ""}`;
+    if (now.live) {
+      this.heard = new Date();
+      return;
+    }
+    if (this.heard) write(this.parts.now, `last known at ${clock(this.heard)}`);
+    refused.replaceChildren();
+    this.refusals = new Map();
+  }
+
+  words(state) {
+    const { now } = this.parts;
+    write(now, state.error_mm === null ? `not compared (${state.ghost_state})`
+      : `${state.error_mm.toFixed(2)} mm rms; feedback alone ${state.ghost_mm === null ? "not known" : `${state.ghost_mm.toFixed(2)} mm`}`);
     const chain = state.chain_ms;
     const rows = [
       ["trust", `${number(state.trust, 2)} → ${number(state.trust_target, 2)} (${state.trust_reason})`],
@@ -57,12 +100,23 @@ export class State {
       list.children[2 * index].textContent = name;
       list.children[2 * index + 1].textContent = words;
     });
-    const fresh = state.refused.filter((one) => one.ago_s < 10);
-    refused.replaceChildren(...fresh.map((one) => {
-      const line = document.createElement("li");
-      line.textContent = `refused ${one.who}: ${one.why}`;
-      return line;
-    }));
+    this.refuse(state.refused);
+  }
+
+  // Refusals of the last seconds, by the local time at which they were made; only what is new changes the list.
+  refuse(all) {
+    const { refused } = this.parts;
+    const known = this.refusals ?? new Map();
+    this.refusals = new Map();
+    for (const { who, why, ago_s } of all) {
+      if (ago_s >= REFUSED_S) continue;
+      const at = new Date(Date.now() - 1000 * ago_s);
+      const before = known.get(who);
+      const same = before && before.why === why && Math.abs(at - before.at) < SAME_MS;
+      this.refusals.set(who, same ? before : { why, at, item: line(`refused ${who}: ${why}`, false, at) });
+    }
+    for (const { item } of known.values()) if (![...this.refusals.values()].some((one) => one.item === item)) item.remove();
+    for (const { item } of this.refusals.values()) if (item.parentNode !== refused) refused.append(item);
   }
 
   plot() {

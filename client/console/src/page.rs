@@ -16,6 +16,11 @@ pub(crate) fn file(path: &str) -> Option<File> {
         "/pad.js" => (script, include_bytes!("../page/pad.js")),
         "/arm.js" => (script, include_bytes!("../page/arm.js")),
         "/state.js" => (script, include_bytes!("../page/state.js")),
+        "/live.js" => (script, include_bytes!("../page/live.js")),
+        "/hold.js" => (script, include_bytes!("../page/hold.js")),
+        "/touch.js" => (script, include_bytes!("../page/touch.js")),
+        "/said.js" => (script, include_bytes!("../page/said.js")),
+        "/sheet.js" => (script, include_bytes!("../page/sheet.js")),
         "/three.js" => (script, include_bytes!("../page/three.bundle.js")),
         "/icon.svg" => ("image/svg+xml", include_bytes!("../page/icon.svg")),
         _ => return None,
@@ -44,8 +49,12 @@ mod tests {
         let index = String::from_utf8(file("/").unwrap().body.to_vec()).unwrap();
         let named = ["/console.css", "/console.js", "/icon.svg"];
         assert!(named.iter().all(|path| index.contains(&path[1..]) && file(path).is_some()));
-        for path in ["/", "/console.js", "/pad.js", "/arm.js", "/state.js", "/console.css"] {
+        let scripts = ["console", "pad", "arm", "state", "live", "hold", "touch", "said", "sheet"];
+        let scripts = scripts.map(|name| format!("/{name}.js"));
+        for path in ["/", "/console.css"].into_iter().chain(scripts.iter().map(String::as_str)) {
             let text = String::from_utf8(file(path).unwrap().body.to_vec()).unwrap();
+            // The name of a kind of document is no address.
+            let text = text.replace("http://www.w3.org/2000/svg", "");
             for line in text.lines().filter(|line| line.contains("import ") && line.contains(" from ")) {
                 let path = line.split('"').nth(1).unwrap_or_default().trim_start_matches('.');
                 assert!(file(path).is_some(), "{line}");
