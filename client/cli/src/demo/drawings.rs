@@ -17,6 +17,7 @@ use super::told::{Against, arm, ghost};
 #[derive(Debug, Default)]
 pub(crate) struct Drawings {
     pub(crate) moving: Option<Moving>,
+    #[cfg_attr(not(feature = "lab"), expect(dead_code, reason = "the lab makes the documents' pictures"))]
     pub(crate) path: Option<Picture>,
     pub(crate) error: Option<Picture>,
     pub(crate) lag: Option<Picture>,
