@@ -209,7 +209,7 @@ impl JointStates {
     pub fn publish(&mut self, stamp_ns: u64, mut state: JointState) -> Result<bool, StateError> {
         state.validate()?;
         let now_ns = monotonic_now_ns();
-        state.line.note = self.said.as_ref().map_or(0, |said| said.number);
+        state.note = self.said.as_ref().map_or(0, |said| said.number);
         if now_ns >= self.repeat_ns {
             self.repeat(now_ns);
         }

@@ -124,7 +124,7 @@ fn each_tick(
     let mut reader = Reader::open(path)?;
     while let Some(entry) = reader.next_entry()? {
         if let Entry::Message(message) = entry
-            && let Ok(Content::Thing(thing)) = reader.content(&message)
+            && let Ok(Content::Thing(thing)) = reader.ticks_and_things(&message)
             && let Some(found) = every_ticks(&thing)
         {
             every = found;
@@ -134,7 +134,7 @@ fn each_tick(
     let (mut reader, mut goes_on) = (Reader::open(path)?, true);
     while goes_on && let Some(entry) = reader.next_entry()? {
         let Entry::Message(message) = entry else { continue };
-        match reader.content(&message)? {
+        match reader.ticks_and_things(&message)? {
             Content::Thing(thing) => every = every_ticks(&thing).unwrap_or(every),
             Content::Tick(record) => goes_on = use_record(record, every),
             _ => {}

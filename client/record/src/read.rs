@@ -320,6 +320,20 @@ impl Reader {
         self.ended.is_none()
     }
 
+    /// As [`Reader::content`], for whoever needs tick records and things only: of the rest another version's
+    /// layout does no harm.
+    ///
+    /// # Errors
+    ///
+    /// Tick records or things of another layout than this program's, or bytes that are no message.
+    pub fn ticks_and_things(&self, message: &Message) -> Result<Content, RecordError> {
+        let needed = |topic| matches!(topic, Topic::TickRaw | Topic::Thing);
+        match self.channels.get(&message.channel) {
+            Some(channel) if channel.topic.is_some_and(needed) => self.content(message),
+            _ => Ok(Content::Other),
+        }
+    }
+
     /// `message` in our types.
     ///
     /// # Errors

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use foretrace_record::explain::moments;
 use foretrace_record::info::info;
 use foretrace_record::pen::pen_samples;
 use foretrace_record::read::Reader;
@@ -40,6 +41,14 @@ fn every_kept_recording_is_read_whatever_its_layouts() {
             let columns = text.lines().next().unwrap().split(',').count();
             assert!(columns > 20 && text.contains("tick [1]"), "{name}: {topic}: {columns} columns");
             assert!(text.lines().all(|line| line.split(',').count() == columns), "{name}: {topic}");
+        }
+        // Explaining needs the tick records only, whatever became of the rest.
+        let explained = moments(&path);
+        if told.foreign.iter().any(|topic| topic == "/raw/tick") {
+            let refused = explained.unwrap_err().to_string();
+            assert!(refused.contains("/raw/tick have another layout"), "{name}: {refused}");
+        } else {
+            assert!(!explained.unwrap().moments.is_empty(), "{name}");
         }
         let mut seen = Vec::new();
         let mut reader = Reader::open(&path).unwrap();

@@ -34,7 +34,7 @@ impl Bearing {
     #[must_use]
     pub fn in_force(&self, newest: &TickFacts) -> Option<&ArmNote> {
         let since = |note: &&ArmNote| newest.measured.is_none_or(|(stamp, _)| note.since_ns > stamp.0);
-        let named = |note: &&ArmNote| note.number == newest.ports.arm_line.note;
+        let named = |note: &&ArmNote| note.number == newest.ports.arm_note;
         self.note.as_ref().filter(|note| note.number != 0 && (named(note) || since(note)))
     }
 

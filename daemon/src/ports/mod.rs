@@ -108,6 +108,8 @@ pub struct PortTally {
     pub receive_failures: u64,
     /// The arm's line, as in the newest joint state.
     pub arm_line: ArmLine,
+    /// Number of the note of the arm's process that its newest joint state names; 0: none.
+    pub arm_note: u32,
     /// Commands sent.
     pub commands_sent: u64,
     /// Commands that could not be sent.

@@ -65,7 +65,7 @@ impl Ports for ShmPorts {
             inbox.joints = Some(JointReading { motion_allowed: allowed, ..reading });
             inbox.effort = wire::effort_reading(&state);
             inbox.echo = wire::echo(&state);
-            self.tally.arm_line = state.line;
+            (self.tally.arm_line, self.tally.arm_note) = (state.line, state.note);
         });
         self.enable.drain(now.0, |enable| {
             let reading = wire::enable_reading(&enable);

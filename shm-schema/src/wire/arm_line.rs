@@ -7,7 +7,7 @@ use super::layout::wire;
 
 wire! {
     /// The line between an arm's process and the arm's own controller. All zero where there is none.
-    "foretrace.ArmLineV2"
+    "foretrace.ArmLineV1"
     pub struct ArmLine {
         /// From a state of the arm to the cycle of its controller that used the answer to it \[ns\]; 0:
         /// unknown.
@@ -18,7 +18,7 @@ wire! {
         pub lost_commands: u64,
         /// [`crate::arm_flags`].
         pub flags: u32,
-        /// Number of the [`crate::ArmNote`] that is in force; 0: none.
-        pub note: u32,
+        /// Zero.
+        pub reserved: u32,
     }
 }

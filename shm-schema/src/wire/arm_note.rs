@@ -1,7 +1,7 @@
 //! `ArmNote`: why an arm's process does not let the arm follow, in its own words, with what to do about it.
 //!
 //! Contract: sent when it changes, and once a second while it is in force, for a daemon that comes later.
-//! Which one is in force says [`crate::ArmLine`] in every joint state, so that no tick carries text. Total
+//! Which one is in force says its number in every joint state, so that no tick carries text. Total
 //! for every bit pattern: foreign bytes become text without control characters.
 
 use std::fmt::Write as _;
@@ -25,7 +25,7 @@ wire! {
         pub header: Header,
         /// When it came into force, on this host's clock \[ns\].
         pub since_ns: u64,
-        /// Its number, as in [`crate::ArmLine::note`]; not 0.
+        /// Its number, as in [`crate::JointState::note`]; not 0.
         pub number: u32,
         /// Zero.
         pub reserved: u32,

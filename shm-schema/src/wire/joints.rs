@@ -73,8 +73,8 @@ wire! {
         pub robot_mode: u32,
         /// [`EffortUnit`]; 0: the arm reports no effort.
         pub effort_unit: u32,
-        /// Zero.
-        pub reserved: u32,
+        /// Number of the [`crate::ArmNote`] that is in force; 0: none.
+        pub note: u32,
         /// The line to the arm's controller.
         pub line: ArmLine,
     }

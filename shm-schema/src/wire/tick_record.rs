@@ -56,7 +56,7 @@ pub const PATH_POINTS: usize = 10;
 
 wire! {
     /// One tick's evidence.
-    "foretrace.TickRecordV8"
+    "foretrace.TickRecordV7"
     pub struct TickRecord {
         /// Stamp: end of the tick.
         pub header: Header,

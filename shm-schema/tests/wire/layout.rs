@@ -69,10 +69,10 @@ fn layouts_are_pinned() {
             ("safety_mode", 224, 4),
             ("robot_mode", 228, 4),
             ("effort_unit", 232, 4),
-            ("reserved", 236, 4),
+            ("note", 236, 4),
             ("line", 240, 32),
         ],
-        0x16a238517d92b9ed,
+        0x0efc79305fe0c832,
     );
     pinned::<NoteWords>(384, 1, &[("text", 0, 192), ("to_do", 192, 192)], 0x2ecd84fa5adb2537);
     pinned::<ArmNote>(
@@ -144,9 +144,9 @@ fn layouts_are_pinned() {
             ("late_cycles", 8, 8),
             ("lost_commands", 16, 8),
             ("flags", 24, 4),
-            ("note", 28, 4),
+            ("reserved", 28, 4),
         ],
-        0x68f4722359ce0161,
+        0xf94b3ca95fcb86f4,
     );
     pinned::<ArmLag>(
         32,
@@ -243,7 +243,7 @@ fn layouts_are_pinned() {
             ("reserved", 1300, 4),
             ("path_m", 1304, 80),
         ],
-        0x217f73a7c1a42105,
+        0x5a119bb3110be1e1,
     );
     pinned::<Percentiles>(
         16,
@@ -347,7 +347,7 @@ fn layouts_are_pinned() {
             ("note", 1584, 384),
             ("reserved", 1968, 16),
         ],
-        0x610453845fe60b55,
+        0x56da5014d99cfefa,
     );
     pinned::<ControlRequest>(
         64,

@@ -134,7 +134,7 @@ fn found(path: &Path) -> Result<Found, RecordError> {
     };
     while let Some(entry) = reader.next_entry()? {
         let Entry::Message(message) = entry else { continue };
-        match reader.content(&message)? {
+        match reader.ticks_and_things(&message)? {
             Content::Thing(thing) if thing.kind == PieceKind::Settings => settings = Some(thing.bytes),
             Content::Tick(record) => {
                 let first = times.map_or(record.release_ns, |times| times.0);
