@@ -21,7 +21,6 @@
 mod answer;
 mod ceiling;
 mod direction;
-mod grain;
 mod overshoot;
 mod pace;
 mod path;
@@ -35,7 +34,6 @@ pub use settings::{SlowArm, TrackingSettings};
 
 use answer::{Answers, Judged};
 use direction::Directions;
-use grain::Grain;
 use overshoot::Overshoot;
 use pace::{Pace, SLOW_SHARE};
 use path::{BLOCK_NS, KEPT_NS, Path};
@@ -69,8 +67,10 @@ const MOTION_NS: u64 = 250_000_000;
 /// A joint that moves by less than this share of its commands stands still.
 const STILL_SHARE: f64 = 0.05;
 /// That is a fault where it moves by less than this share of what the slowest possible arm would, because a
-/// servo filter takes short strokes away, and by no more than its reports may hide.
+/// servo filter takes short strokes away.
 const SLOWEST_SHARE: f64 = 0.5;
+/// less what an encoder that counts coarsely may hide \[rad\].
+const HIDDEN_RAD: f64 = 5e-4;
 /// A joint outside its commands by this share of the tolerance and moving away is leaving.
 const LEAVING: f64 = 0.5;
 /// Swings outside the commands count from the first share of the tolerance, and are reported from the second.
@@ -99,7 +99,6 @@ pub struct Monitor<const J: usize> {
     tools: Path<3>,
     measured: Path<J>,
     recent: Recent<J>,
-    grain: Grain<J>,
     swings: Swings<J>,
     directions: Directions<J>,
     pace: Pace<J>,
@@ -125,7 +124,7 @@ pub struct Monitor<const J: usize> {
 
 state! {
     [const J: usize] Monitor<J> {
-        commands, tools, measured, recent, grain, swings, directions, pace, answers, overshoot, widened,
+        commands, tools, measured, recent, swings, directions, pace, answers, overshoot, widened,
         behind, lag_s, begun, moved, since, looked, suspect,
     }
     fixed { settings, longest_ns, fastest_radps }
@@ -161,7 +160,6 @@ impl<const J: usize> Monitor<J> {
             tools: Path::new(),
             measured: Path::new(),
             recent: Recent::new(),
-            grain: Grain::new(),
             swings: Swings::new(),
             directions: Directions::new(),
             pace: Pace::new(),
@@ -190,7 +188,6 @@ impl<const J: usize> Monitor<J> {
         self.commands.clear();
         self.tools.clear();
         self.measured.clear();
-        self.grain = Grain::new();
         self.swings = Swings::new();
         self.directions = Directions::new();
         self.pace = Pace::new();
@@ -238,9 +235,6 @@ impl<const J: usize> Monitor<J> {
     ) -> Option<StopDetail> {
         if self.recent.newest().is_some_and(|newest| newest >= stamp) {
             return None;
-        }
-        if let Some(before) = self.recent.last() {
-            self.grain.see(before, q);
         }
         self.recent.push(stamp, q);
         if stamp < self.begun {
@@ -471,7 +465,7 @@ impl<const J: usize> Monitor<J> {
         let still = pairs.filter(|(joint, (asked, done))| {
             let stands = **asked > limit && **done < STILL_SHARE * **asked;
             let slowest = || slowest::moved(&self.commands, *joint, self.lag_s, begin);
-            stands && **done < SLOWEST_SHARE * slowest() - self.grain.hides(*joint)
+            stands && **done < SLOWEST_SHARE * slowest() - HIDDEN_RAD
         });
         let count = still.clone().count();
         let (joint, (asked, _)) = still.max_by(|a, b| a.1.0.total_cmp(b.1.0))?;

@@ -128,8 +128,10 @@ fn short_strokes_that_a_slow_servo_takes_away_are_no_standing_joint() {
         for hz in [3.0, 8.0, 14.0, 18.0, 25.0] {
             assert_eq!(swung_at(hz, known, false), None, "{hz} Hz, lag known: {known}");
         }
-        for hz in [2.0, 3.0, 8.0] {
-            let found = swung_at(hz, known, true).expect("it is jammed");
+        // What a servo of 0.15 s leaves of 8 Hz, a coarse encoder may hide.
+        let jammed: &[f64] = if known { &[2.0, 3.0, 8.0] } else { &[2.0, 3.0] };
+        for hz in jammed {
+            let found = swung_at(*hz, known, true).expect("it is jammed");
             assert_eq!((found.cause, found.joint), (StopCause::NoMotion, Some(1)), "{hz} Hz");
         }
     }
