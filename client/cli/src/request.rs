@@ -4,7 +4,7 @@
 //! is abandoned at the timeout, because calls into damaged shared memory can hang.
 
 use std::sync::mpsc::{self, RecvTimeoutError};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use foretrace_client::{ControlResponse, ControlStatus, Mode, RequestError, Requests, StopError, Stopped};
 use foretrace_control::predict::PredictorKind;
@@ -91,12 +91,12 @@ pub(crate) fn run(args: &RequestArgs) -> Result<(), Failure> {
 fn asked(args: &RequestArgs, wait: Duration) -> Result<Result<ControlResponse, RequestError>, Failure> {
     let (answer, answered) = mpsc::channel();
     let (instance, request) = (args.instance.clone(), args.request.clone());
-    // The thread itself reports the daemon's silence, so its timeout has to be the shorter one.
-    let shorter = wait - (wait / 5).min(Duration::from_millis(100));
+    // The thread itself reports the daemon's silence, so it has to be done sooner, with what attaching takes.
+    let done_by = Instant::now() + (wait - (wait / 5).min(Duration::from_millis(100)));
     let asking = move || {
         let asked = instance.attach().and_then(|foretrace| {
             let mut requests = foretrace.requests().map_err(unattached)?;
-            Ok(ask(&mut requests, &request, shorter))
+            Ok(ask(&mut requests, &request, done_by.saturating_duration_since(Instant::now())))
         });
         // The receiver may be gone.
         let _ = answer.send(asked);
