@@ -8,6 +8,7 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use foretrace_client::{Mode, monotonic_now_ns};
+use foretrace_shm::{JointCommand, Message};
 use foretrace_tests::{Process, World, json, told, until};
 use serde_json::Value;
 
@@ -81,6 +82,9 @@ pub(crate) struct Scene {
     arms: u32,
     /// An arm failed on purpose: its measured position does not test the loop.
     pub(crate) arm_fails: bool,
+    /// How often the arm's process was held up: it brakes where the loop does not know, and then refuses what
+    /// was sent to an arm that follows.
+    pub(crate) arm_held_up: u64,
     /// The last answer, for the diagnosis of a test that times out.
     noted: std::cell::RefCell<String>,
 }
@@ -165,6 +169,7 @@ impl Scene {
             recorder: Some(recorder),
             arms: 0,
             arm_fails: false,
+            arm_held_up: 0,
             noted: String::new().into(),
         }
     }
@@ -285,7 +290,8 @@ impl Scene {
             arm.end();
             let report = json(&self.world.file(&format!("arm-{}.json", self.arms)));
             assert_eq!(report["commands"]["limit_violations"], 0, "{report}");
-            assert_eq!(report["commands"]["refused"]["jump"], 0, "{report}");
+            let jumps = report["commands"]["refused"]["jump"].as_u64().expect("a count");
+            assert!(jumps <= self.arm_held_up * JointCommand::QOS.buffer as u64, "{report}");
         }
         std::thread::sleep(Duration::from_millis(100));
         let report = self.recorder.take().expect("a recorder").finish();

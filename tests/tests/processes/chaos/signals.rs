@@ -40,6 +40,7 @@ fn arm_stopped_and_continued() {
     for _ in 0..ROUNDS {
         moments.wait(300);
         scene.arm.as_ref().expect("an arm").signal("-STOP");
+        scene.arm_held_up += 1;
         until("the loop stops by itself", || stopped(&scene));
         assert!(scene.count("/arm/stale_ticks") > 0);
         let since = monotonic_now_ns();

@@ -20,6 +20,8 @@ const PATIENCE: Duration = Duration::from_secs(5);
 const FAST_RADPS: f64 = 0.1;
 /// Between two clients that watch the same controller \[s\].
 const READER_LATE_S: f64 = 0.1;
+/// Sooner than the patience of tests is over, so that it can be told why not.
+const FOLLOWS_WITHIN: Duration = Duration::from_secs(55);
 const RTDE: u16 = 30004;
 const FAULTS: u16 = 30020;
 
@@ -115,7 +117,9 @@ impl Scene {
 
     /// Arms until the arm follows.
     pub(super) fn follow(&mut self) {
+        let (begin, mut last) = (Instant::now(), String::new());
         until("the arm follows", || {
+            assert!(begin.elapsed() < FOLLOWS_WITHIN, "the arm does not follow: {last}");
             self.controller.expect_alive();
             // The place of a dead peer is free once a live one has cleaned up.
             if self.player.as_mut().is_some_and(|player| player.ended().is_some()) {
@@ -129,7 +133,15 @@ impl Scene {
             let asked = self.world.run(0, &["request", "arm"]);
             assert!(matches!(asked.status.code(), Some(0 | 1 | 3 | 4)), "{}", told(&asked));
             let moves = self.watcher.moving(0.02).is_some();
-            (moves && self.world.status(0)["mode"] == "following").then_some(())
+            let status = self.world.status(0);
+            last = format!(
+                "moves: {moves}, {}, {}, {} {}",
+                told(&asked),
+                status["mode"],
+                status["stop"],
+                status["arm"]
+            );
+            (moves && status["mode"] == "following").then_some(())
         });
     }
 
