@@ -1,7 +1,8 @@
 //! The terminal: its size, and keys as they are pressed.
 //!
-//! Contract: keys arrive one by one and are not echoed while a [`Keys`] lives; the terminal is as it was
-//! afterwards, also after Ctrl-C, which stays a signal.
+//! Contract: keys arrive one by one and are not echoed while a [`Keys`] lives; the terminal is as it was once
+//! that is dropped. Ctrl-C stays a signal: who has keys looks at the flag often, since a second one ends the
+//! program at once.
 
 use std::fs::File;
 use std::io::{self, IsTerminal, Read};

@@ -50,3 +50,55 @@ impl Bearing {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use foretrace_control::units::Stamp;
+    use foretrace_shm::NoteWords;
+
+    use super::*;
+    use crate::ipc::tests::facts;
+    use crate::testing::config;
+
+    #[test]
+    fn a_note_is_in_force_while_the_newest_state_names_it_or_none_came_since() {
+        let mut bearing = Bearing::new(&config().follower_settings());
+        let mut newest = facts(7);
+        newest.measured = Some((Stamp(1000), config().robot().home));
+        assert!(bearing.in_force(&newest).is_none());
+        bearing.note = Some(ArmNote { since_ns: 900, number: 5, ..ArmNote::default() });
+        assert!(bearing.in_force(&newest).is_none(), "a later state names none");
+        newest.ports.arm_note = 5;
+        assert!(bearing.in_force(&newest).is_some());
+        newest.ports.arm_note = 0;
+        bearing.note = Some(ArmNote { since_ns: 1001, number: 7, ..ArmNote::default() });
+        assert!(bearing.in_force(&newest).is_some(), "an arm's process without joint states");
+        bearing.note = Some(ArmNote { since_ns: 1001, number: 0, ..ArmNote::default() });
+        assert!(bearing.in_force(&newest).is_none());
+    }
+
+    #[test]
+    fn the_status_has_the_angles_the_pose_and_the_words() {
+        let config = config();
+        let mut bearing = Bearing::new(&config.follower_settings());
+        let mut newest = facts(7);
+        let mut status = Status::default();
+        bearing.tell(&mut status, &newest);
+        assert_eq!(status, Status::default());
+        let home = config.robot().home;
+        (newest.measured, newest.ports.arm_note) = (Some((Stamp(1000), home)), 5);
+        let words = NoteWords::new("paused", "press play");
+        bearing.note = Some(ArmNote { since_ns: 900, number: 5, words, ..ArmNote::default() });
+        bearing.tell(&mut status, &newest);
+        assert_eq!((status.joints_q, status.note, status.note_since_ns), (home, words, 900));
+        let tool = config.robot().chain.forward(&home);
+        let [x, y, z] = tool.position.into();
+        assert_eq!(status.tool_base[..3], [x, y, z]);
+        // The pen points down: half a turn about a level axis.
+        let [rx, ry, rz] = [3, 4, 5].map(|k| status.tool_base[k]);
+        let turn = (rx * rx + ry * ry + rz * rz).sqrt();
+        assert!((turn - std::f64::consts::PI).abs() < 0.05 && rz.abs() < 0.05, "{:?}", status.tool_base);
+        let [low, high] = config.settings().plane.workspace_m[2];
+        assert!((low - 0.02..high + 0.02).contains(&status.tool_plane_m[2]), "{:?}", status.tool_plane_m);
+    }
+}

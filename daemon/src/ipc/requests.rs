@@ -75,8 +75,8 @@ pub struct Known {
 }
 
 impl Known {
-    /// Why, where the refusal alone does not tell.
-    fn why(&self, refusal: Refusal) -> Option<String> {
+    /// Why what was sent at `sent_ns` is refused, where the refusal alone does not tell.
+    fn why(&self, refusal: Refusal, sent_ns: u64) -> Option<String> {
         match refusal {
             Refusal::NoJointState | Refusal::JointStateStale => {
                 let refused = self.joints_refused?;
@@ -88,7 +88,11 @@ impl Known {
                 Some(note.to_do().map_or(text.clone(), |to_do| format!("{text}; {to_do}")))
             }
             Refusal::StopCame => {
-                let (reason, detail) = self.stop.filter(|(reason, _)| *reason != FaultReason::Requested)?;
+                // One that is older is not why, and of a request there is no more to tell.
+                let came = |(reason, detail): &(FaultReason, StopDetail)| {
+                    *reason != FaultReason::Requested && detail.at_ns >= sent_ns
+                };
+                let (reason, detail) = self.stop.filter(came)?;
                 let evidence = detail.to_string();
                 let colon = if evidence.is_empty() { "" } else { ": " };
                 Some(format!("the arm was stopped: {reason}{colon}{evidence}"))
@@ -213,7 +217,7 @@ impl Requests {
                 let (status, text) = wire::refusal(refusal);
                 let text = match refusal {
                     Refusal::WayBlocked(by) => homeward.obstructed(&by),
-                    other => self.known.why(other).unwrap_or_else(|| text.to_owned()),
+                    other => self.known.why(other, call.request.sent_ns).unwrap_or_else(|| text.to_owned()),
                 };
                 self.answer(*call, status, answer.mode, answer.trust, &text);
             }
@@ -256,5 +260,42 @@ impl Requests {
         }
         // An operator that is gone needs no answer.
         let _ = call.answer(status, trust.alpha(), wire::mode(mode).into(), text);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use foretrace_shm::StopCause;
+
+    use super::*;
+
+    #[test]
+    fn refusals_are_explained_by_what_is_known_of_the_arm() {
+        let note = NoteWords::new("speed scaling is at 50 %", "set the slider to 100 %");
+        let detail = StopDetail {
+            cause: StopCause::Height.into(),
+            joint: -1,
+            amount: -0.04,
+            limit: -0.002,
+            at_ns: 70,
+        };
+        let known =
+            Known { note: Some(note), stop: Some((FaultReason::Envelope, detail)), ..Known::default() };
+        let why = |refusal, sent_ns| known.why(refusal, sent_ns);
+        assert_eq!(
+            why(Refusal::MotionNotAllowed, 0).unwrap(),
+            "speed scaling is at 50 %; set the slider to 100 %"
+        );
+        assert!(
+            why(Refusal::StopCame, 60)
+                .unwrap()
+                .starts_with("the arm was stopped: tool envelope: the tool is -40")
+        );
+        // A stop from before the request is not why, nor is there more to tell of one that was requested.
+        assert_eq!(why(Refusal::StopCame, 71), None);
+        let asked = Known { stop: Some((FaultReason::Requested, detail)), ..known };
+        assert_eq!(asked.why(Refusal::StopCame, 60), None);
+        assert_eq!(why(Refusal::ArmMoves, 0), None);
+        assert_eq!(Known::default().why(Refusal::MotionNotAllowed, 0), None);
     }
 }

@@ -110,6 +110,8 @@ pub struct LoopTally {
     pub skipped: u64,
     /// Ticks with a shed budget.
     pub shed: u64,
+    /// Commands that were over before they could be sent.
+    pub commands_over: u64,
     /// Ticks whose newest joint state was stale.
     pub joints_stale: u64,
     /// Records lost because the ring to the ipc thread was full.

@@ -349,6 +349,7 @@ impl<const N: usize, P: Ports> Tick<N, P> {
     fn send(&mut self, now: Stamp, output: &StepOutput<JOINTS>) -> bool {
         let Some(command) = output.command else { return true };
         if now >= command.valid_until {
+            self.tally.commands_over += 1;
             return false;
         }
         let outgoing = Outgoing {

@@ -216,7 +216,8 @@ impl Daemon {
         for right in &missing {
             warn!("{right}");
         }
-        let mask = missing.iter().fold(0, |mask, missing| mask | missing_right(missing.right));
+        let asked = if options.rights == Rights::Ask { 0 } else { missing_rights::NOT_ASKED };
+        let mask = missing.iter().fold(asked, |mask, missing| mask | missing_right(missing.right));
         let _ = self.ipc_orders.send(IpcOrder::Missing(mask));
         Ok(())
     }

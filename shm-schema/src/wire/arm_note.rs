@@ -11,6 +11,7 @@ use iceoryx2::prelude::ZeroCopySend;
 use super::check::{Rejection, Validate};
 use super::header::Header;
 use super::layout::wire;
+use super::vocabulary::RejectReason;
 
 /// Bytes of each text, padded with NUL.
 pub const NOTE_BYTES: usize = 192;
@@ -67,7 +68,10 @@ impl NoteWords {
 
 impl Validate for ArmNote {
     fn validate(&self) -> Result<(), Rejection> {
-        Ok(())
+        let ahead_ns = self.since_ns.saturating_sub(self.header.stamp_ns);
+        let future =
+            || Rejection::new(RejectReason::FromTheFuture, "since_ns").because(ahead_ns as f64 * 1e-9, 0.0);
+        if ahead_ns == 0 { Ok(()) } else { Err(future()) }
     }
 }
 
@@ -121,6 +125,14 @@ mod tests {
             }
         }
         assert_eq!(NoteWords::default().text(), None);
+    }
+
+    #[test]
+    fn a_note_came_into_force_before_it_was_sent() {
+        let mut note = ArmNote { since_ns: 5, ..ArmNote::default() };
+        assert_eq!(note.validate().unwrap_err().reason, RejectReason::FromTheFuture);
+        note.header.stamp_ns = 5;
+        assert_eq!(note.validate(), Ok(()));
     }
 
     #[test]

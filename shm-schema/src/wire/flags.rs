@@ -202,6 +202,8 @@ wire_flags! {
         PREEMPT_RT = 5 => "preempt-rt kernel",
         /// Some shared memory is not backed by pages.
         SHARED_MEMORY_RESERVED = 6 => "shared memory reserved",
+        /// None were asked for (`--no-rights`): none were granted.
+        NOT_ASKED = 7 => "none asked for",
     }
 }
 

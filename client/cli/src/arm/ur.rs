@@ -153,6 +153,7 @@ pub(crate) fn run(args: &UrArgs) -> Result<(), Failure> {
         record: args.record.as_deref().map(Record::create).transpose()?,
         without_dead_man: args.without_dead_man && !dead_man,
         detail: None,
+        said: None,
         ready: false,
         not_sent: 0,
     };
@@ -263,6 +264,8 @@ struct Bridge {
     without_dead_man: bool,
     /// What the system said about the reason that was told last.
     detail: Option<String>,
+    /// Which daemon was told what keeps the arm from following, and at which speed.
+    said: Option<(u64, Option<(Reason, Option<i32>)>)>,
     /// That the arm may be armed has been said.
     ready: bool,
     not_sent: u64,
@@ -335,6 +338,26 @@ impl Bridge {
         }
     }
 
+    /// Tells the daemon why the arm does not follow, whenever that changes, and every new daemon.
+    fn say(&mut self) {
+        let percent = (100.0 * self.link.speed()).round() as i32;
+        let reason =
+            self.link.hindrance().map(|reason| (reason, (reason == Reason::Slowed).then_some(percent)));
+        let now = (self.daemon.count, reason);
+        let Some(ports) = self.daemon.ports.as_mut().filter(|_| self.said != Some(now)) else { return };
+        self.said = Some(now);
+        match reason {
+            Some((reason, Some(percent))) => {
+                ports.states.say(&format!("speed scaling is at {percent} %"), reason.remedy());
+            }
+            Some((reason, None)) => {
+                let detail = self.detail.as_deref().map_or(String::new(), |detail| format!(" ({detail})"));
+                ports.states.say(&format!("{}{detail}", reason.text()), reason.remedy());
+            }
+            None => ports.states.say_nothing(),
+        }
+    }
+
     fn tell(&mut self) {
         if let Some((reason, detail)) = self.link.news() {
             match &detail {
@@ -343,20 +366,7 @@ impl Bridge {
             }
             self.detail = detail;
         }
-        if let Some(ports) = &mut self.daemon.ports {
-            match self.link.hindrance() {
-                Some(Reason::Slowed) => {
-                    let words = format!("speed scaling is at {:.0} %", 100.0 * self.link.speed());
-                    ports.states.say(&words, Reason::Slowed.remedy());
-                }
-                Some(reason) => {
-                    let detail =
-                        self.detail.as_deref().map_or(String::new(), |detail| format!(" ({detail})"));
-                    ports.states.say(&format!("{}{detail}", reason.text()), reason.remedy());
-                }
-                None => ports.states.say_nothing(),
-            }
-        }
+        self.say();
         if self.link.floor_m() != self.floor_m && self.link.phase() != Phase::Away {
             self.floor_m = self.link.floor_m();
             match self.floor_m {

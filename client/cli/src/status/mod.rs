@@ -10,7 +10,7 @@ mod view;
 mod way_home;
 
 use std::path::Path;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use foretrace_client::{Foretrace, Status, StatusReader, monotonic_now_ns};
 use serde_json::Value;
@@ -103,7 +103,8 @@ fn watch(args: &StatusArgs, mut foretrace: Foretrace, mut reader: StatusReader) 
     let mut keys = if streams { None } else { Keys::listen() };
     let mut lookout = Lookout::new();
     while !interrupt.is_set() && keys.as_mut().and_then(Keys::pressed) != Some(b'q') {
-        match reader.next_within(PATIENCE) {
+        match awaited(&mut reader, &interrupt) {
+            None if interrupt.is_set() => break,
             Some(status) => {
                 let held = Held::of(foretrace.instance());
                 let figures = view::json(&status, &held);
@@ -128,6 +129,17 @@ fn watch(args: &StatusArgs, mut foretrace: Foretrace, mut reader: StatusReader) 
         interrupt.wait(pause);
     }
     Ok(())
+}
+
+/// The next status; looks often whether the user wants to end, because a second Ctrl-C would leave the
+/// terminal without an echo.
+fn awaited(reader: &mut StatusReader, interrupt: &Interrupt) -> Option<Status> {
+    let begin = Instant::now();
+    let mut found = None;
+    while found.is_none() && begin.elapsed() < PATIENCE && !interrupt.is_set() {
+        found = reader.next_within(Duration::from_millis(50));
+    }
+    found
 }
 
 /// What a terminal has that does not say.

@@ -193,6 +193,8 @@ fn text(status: &Status, held: &Held, age_ns: u64) -> String {
     let missing: Vec<&str> = missing_rights::labels(status.missing_rights).collect();
     let rights = if missing.is_empty() {
         "all granted".to_owned()
+    } else if status.missing_rights == missing_rights::NOT_ASKED {
+        "none asked for (--no-rights)".to_owned()
     } else {
         format!("missing: {}", missing.join(", "))
     };

@@ -281,6 +281,7 @@ fn a_command_that_is_over_before_it_is_sent_stays_unsent_and_the_arm_goes_on_fro
     bench.clock.1.set(100);
     assert!(held_up.not_sent && held_up.output.command.is_some());
     assert_eq!(held_up.ports.commands_sent, before.ports.commands_sent);
+    assert_eq!((before.tally.commands_over, held_up.tally.commands_over), (0, 1));
     assert_eq!(bench.joints.q, before.output.command.unwrap().q);
     bench.release += 300 * period;
     // What is sent from here on is continuous with what was sent before, as the checker sees it.
