@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use std::collections::btree_map::Entry as Slot;
 use std::io::Write;
 
-use foretrace_shm::PATH_POINTS;
+use foretrace_shm::{PATH_POINTS, Stage};
 
 use crate::RecordError;
 use crate::read::{Channel, Entry, Reader};
@@ -94,12 +94,21 @@ pub fn columns(channel: &Channel) -> Option<Vec<Column>> {
             continue;
         }
         for index in 0..count {
-            let field = if count == 1 { name.to_owned() } else { format!("{name}[{index}]") };
-            let name = format!("{field} [{}]", unit(name));
+            let name = format!("{} [{}]", entry(name, count, index), unit(name));
             columns.push(Column { name, offset: offset.checked_add(index * size)?, number });
         }
     }
     Some(columns)
+}
+
+/// Entry `index` of a field with `count` of them: by number, or by name where the entries have names.
+fn entry(field: &str, count: usize, index: usize) -> String {
+    let stage = Stage::ALL.get(index).filter(|_| field == "stage_ns" && count == Stage::ALL.len());
+    match stage {
+        Some(stage) => format!("{field}[{stage}]"),
+        None if count == 1 => field.to_owned(),
+        None => format!("{field}[{index}]"),
+    }
 }
 
 /// The unit of a field, which is the end of its name for most.

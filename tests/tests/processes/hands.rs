@@ -164,3 +164,24 @@ fn a_console_with_an_arm_of_its_own_says_how_a_tablet_reaches_it() {
     console.end();
     assert!(!std::path::Path::new(root).exists());
 }
+
+#[test]
+fn samples_of_a_pipe_reach_the_loop_to_the_last_line_and_lines_that_are_none_are_counted() {
+    let mut world = World::with_rights_kept(PROGRAM);
+    let _daemon = world.daemon(0);
+    let lines: String = (0..200).map(|k| format!("{},0.001,{}\n", f64::from(k) * 1e-4, k / 100)).collect();
+    world.write(
+        "pen.txt",
+        &format!("x_m,y_m,contact\n{lines}0.01,0.02\n0.01,0.02,7\n{}\n0.02,0.001,1", "9".repeat(300)),
+    );
+    let feed = "exec \"$0\" \"$@\" < pen.txt";
+    world.go_through(["sh", "-c", feed].map(str::to_owned).to_vec());
+    let output = world.run(0, &["play", "-", "--json", "play.json"]);
+    world.go_through(Vec::new());
+    assert!(output.status.success(), "{}", told(&output));
+    let report = json(&world.file("play.json"));
+    assert_eq!((&report["samples"], &report["failed"]), (&201.into(), &3.into()), "{report}");
+    assert!(told(&output).contains("line 202 of stdin is no sample"), "{}", told(&output));
+    let received = || world.status(0)["pen"]["samples"].as_u64().filter(|samples| *samples == 201);
+    foretrace_tests::until("all of them arrive", received);
+}

@@ -38,24 +38,15 @@ pub(super) fn run(player: &mut Player, seconds: Option<f64>, interrupt: &Interru
             continue;
         }
         let read = input.read(&mut buffer).map_err(unreadable)?;
+        // The last line need not have an end.
+        let piece =
+            if read == 0 && lines.has_begun() { b"\n" } else { buffer.get(..read).unwrap_or_default() };
+        for line in lines.take(piece) {
+            player.report.seconds = monotonic_now_ns().saturating_sub(begin) as f64 * 1e-9;
+            player.take_line(line)?;
+        }
         if read == 0 {
             break;
-        }
-        for line in lines.take(buffer.get(..read).unwrap_or_default()) {
-            let now_ns = monotonic_now_ns();
-            player.report.seconds = now_ns.saturating_sub(begin) as f64 * 1e-9;
-            match line {
-                Ok((number, text)) => match sample(&text) {
-                    Ok(Some(sample)) => player.send(now_ns, &sample)?,
-                    // A heading.
-                    Ok(None) if number == 1 => {}
-                    Ok(None) => player.refuse(&format!("line {number} of stdin is no sample: {text:?}")),
-                    Err(why) => player.refuse(&format!("line {number} of stdin: {why}")),
-                },
-                Err(number) => {
-                    player.refuse(&format!("line {number} of stdin has more than {LONGEST} bytes"))
-                }
-            }
         }
         player.way.look();
     }
@@ -63,6 +54,20 @@ pub(super) fn run(player: &mut Player, seconds: Option<f64>, interrupt: &Interru
 }
 
 impl Player {
+    fn take_line(&mut self, line: Result<(u64, String), u64>) -> Result<(), Failure> {
+        match line {
+            Ok((number, text)) => match sample(&text) {
+                Ok(Some(sample)) => self.send(monotonic_now_ns(), &sample)?,
+                // A heading.
+                Ok(None) if number == 1 => {}
+                Ok(None) => self.refuse(&format!("line {number} of stdin is no sample: {text:?}")),
+                Err(why) => self.refuse(&format!("line {number} of stdin: {why}")),
+            },
+            Err(number) => self.refuse(&format!("line {number} of stdin has more than {LONGEST} bytes")),
+        }
+        Ok(())
+    }
+
     fn refuse(&mut self, why: &str) {
         if self.report.failed == 0 {
             note!("play: {why}; a line is x_m,y_m,contact in metres");
@@ -81,6 +86,10 @@ struct Lines {
 }
 
 impl Lines {
+    fn has_begun(&self) -> bool {
+        self.overlong || !self.begun.is_empty()
+    }
+
     /// The lines that end in `piece`, with their numbers; of one that is too long only that.
     fn take(&mut self, piece: &[u8]) -> Vec<Result<(u64, String), u64>> {
         let mut lines = Vec::new();

@@ -10,9 +10,10 @@ pub(super) type Case = (&'static str, i32, &'static [&'static str]);
 const NOBODY: &str = "--instance 9 --root @/r";
 
 /// Files that the cases name.
-pub(super) const FILES: [(&str, &str); 16] = [
+pub(super) const FILES: [(&str, &str); 17] = [
     ("bare.toml", ""),
     ("key.toml", "preset = \"ur5\"\n[loop]\nrate_herz = 500\n"),
+    ("mm.csv", "t_s,x_m,y_m,contact\n0.0,-20,0,1\n0.1,20,4,1\n0.2,0,-20,1\n"),
     ("range.toml", "preset = \"ur5\"\n[mpc.limits.x]\nvelocity_mps = -0.5\n"),
     ("kind.toml", "preset = \"ur5\"\n[mpc]\nhorizon = \"many\"\n"),
     ("syntax.toml", "preset = \"ur5\"\n[loop\nrate_hz = 500\n"),
@@ -93,6 +94,9 @@ pub(super) const CASES: &[Case] = &[
     ("request arm --timeout 0", 2, &["0.01 to 3600"]),
     ("request arm --timeout never", 2, &["0.01 to 3600"]),
     // The demo and the daemon.
+    ("demo --pen @/mm.csv", 5, &["from -20.000 to 20.000 m", "pen.bounds_m", "millimetres or pixels"]),
+    ("play @/mm.csv {}", 5, &["40.000 by 24.000 m in all", "pen.bounds_m"]),
+    ("play - --loop {}", 2, &["a pipe has no end", "--loop"]),
     ("demo --trust 2", 2, &["0 (hold only) to 1"]),
     ("demo --trust inf", 2, &["or auto"]),
     ("demo --rate 333", 2, &["125, 250, 500 and 1000"]),
@@ -218,13 +222,13 @@ pub(super) const CASES: &[Case] = &[
     ("lab closed-loop --data @ --lifts high", 2, &["leap, travel"]),
     ("lab closed-loop --data @ --each", 2, &["--json"]),
     ("lab table1 --data @ --models nobody", 2, &["nobody", "constant-velocity"]),
-    ("lab table1 --data @ --models zero,zero", 2, &["twice"]),
+    ("lab table1 --data @ --models hold,hold", 2, &["twice"]),
     ("lab table1 --data @/none", 5, &["none"]),
     ("lab evaluate --data @ --models lstm:@/none.safetensors", 5, &["none.safetensors"]),
     ("lab evaluate --data @ --cold --models lstm10", 2, &["--cold"]),
     ("lab leadtime --data @/none", 5, &["none"]),
     ("lab leadtime --data @ --models nobody", 2, &["nobody"]),
-    ("lab leadtime --data @ --models zero,zero", 2, &["twice"]),
+    ("lab leadtime --data @ --models hold,hold", 2, &["twice"]),
     ("lab leadtime --data @ --models file:@/none.csv", 5, &["none.csv"]),
     ("lab train --data @", 2, &["--out"]),
     ("lab train --data @ --out @/m.safetensors --model gpt", 2, &["lstm10, lstm32, lstm64 or foresight"]),
