@@ -74,6 +74,16 @@ impl Config {
         Draft::text(text, name, folder).finish()
     }
 
+    /// Judges the settings in a recording, in which sections and predictors may have names of earlier
+    /// versions.
+    ///
+    /// # Errors
+    ///
+    /// As [`Config::load`].
+    pub fn recorded(text: &str) -> Result<Self, ConfigError> {
+        Draft::written(text, "the recording", ".", layers::overlay_recorded).finish()
+    }
+
     /// The settings, section by section.
     #[must_use]
     pub const fn settings(&self) -> &Settings {
@@ -204,6 +214,15 @@ impl Draft {
     /// Starts from `text` as if it were a file called `name` in `folder`.
     #[must_use]
     pub fn text(text: &str, name: &str, folder: impl AsRef<Path>) -> Self {
+        Self::written(text, name, folder, layers::overlay)
+    }
+
+    fn written(
+        text: &str,
+        name: &str,
+        folder: impl AsRef<Path>,
+        overlay: fn(&str, &Place, &mut Found, &mut Vec<Problem>),
+    ) -> Self {
         let place = Place::File { path: Arc::from(name), line: 0 };
         let mut draft = Self::new(place.clone(), folder.as_ref().to_owned());
         if text.len() as u64 > LONGEST_SETTINGS {
@@ -211,7 +230,7 @@ impl Draft {
             draft.problems.push(Problem::Unreadable { place, why, remedy: "write only what a preset lacks" });
             return draft;
         }
-        layers::overlay(text, &place, &mut draft.found, &mut draft.problems);
+        overlay(text, &place, &mut draft.found, &mut draft.problems);
         draft
     }
 

@@ -5,7 +5,7 @@
 use std::collections::BTreeMap;
 use std::sync::{Arc, LazyLock};
 
-use crate::nearest::{nearest, without_unit};
+use crate::nearest::{current, nearest, without_unit};
 use crate::presets;
 use crate::problem::Problem;
 use crate::schema::{Presence, Reader, Section, Table, joined};
@@ -14,6 +14,9 @@ use crate::written::{self, Node, Place, Raw};
 
 /// The key that names a preset, at the top of a file.
 pub(crate) const PRESET: &str = "preset";
+
+/// The key whose value is the name of a predictor.
+const KIND: &str = "predictor.kind";
 
 /// All sections and keys, made once.
 pub(crate) fn table() -> &'static Table {
@@ -42,7 +45,37 @@ pub(crate) fn defaults(problems: &mut Vec<Problem>) -> Found {
 
 /// Puts the values of `text` over those in `found`; a preset named in it goes under them.
 pub(crate) fn overlay(text: &str, place: &Place, found: &mut Found, problems: &mut Vec<Problem>) {
+    put_over(written::parse(text, place, problems), found, problems);
+}
+
+/// As [`overlay`], for the text of a recording, in which sections and predictors may have names of earlier
+/// versions.
+pub(crate) fn overlay_recorded(text: &str, place: &Place, found: &mut Found, problems: &mut Vec<Problem>) {
     let mut root = written::parse(text, place, problems);
+    translate("", &mut root);
+    put_over(root, found, problems);
+}
+
+fn translate(at: &str, entries: &mut [(String, Node)]) {
+    for (name, node) in entries {
+        let path = joined(at, name);
+        let path = current(&path).map_or(path, |now| {
+            now.rsplit('.').next().unwrap_or_default().clone_into(name);
+            now.to_owned()
+        });
+        match &mut node.raw {
+            Raw::Table(inner) => translate(&path, inner),
+            Raw::Text(word) if path == KIND => {
+                if let Some(now) = current(word) {
+                    (*word, node.text) = (now.to_owned(), format!("{now:?}"));
+                }
+            }
+            _ => {}
+        }
+    }
+}
+
+fn put_over(mut root: Vec<(String, Node)>, found: &mut Found, problems: &mut Vec<Problem>) {
     if let Some(i) = root.iter().position(|(key, _)| key == PRESET) {
         let (_, node) = root.remove(i);
         if let Some((name, text)) = preset_text(&node, problems) {

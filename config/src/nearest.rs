@@ -1,12 +1,21 @@
 //! Suggestions for what the user may have meant: the nearest word, and the unit that a number looks like.
 
-/// Names of earlier versions with their present names.
-const RENAMED: [(&str, &str); 2] = [("ours", "mixture"), ("predictor.ours", "predictor.mixture")];
+use foretrace_control::predict::PredictorKind;
+
+/// Sections of earlier versions with their present names.
+const RENAMED: [(&str, &str); 1] = [("predictor.ours", "predictor.mixture")];
+
+/// What `word` of an earlier version is called now, a section or a predictor; `None`: it never had another
+/// name.
+pub(crate) fn current(word: &str) -> Option<&'static str> {
+    let section = RENAMED.iter().find(|(old, _)| *old == word).map(|(_, new)| *new);
+    section.or_else(|| PredictorKind::current_name(word))
+}
 
 /// The present name of `word`, or the candidate nearest to it, if it is near enough to be a typing error
 /// (about a third of its letters).
 pub(crate) fn nearest<'a>(word: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
-    let renamed = RENAMED.iter().find(|(old, _)| *old == word).map(|(_, new)| *new);
+    let renamed = current(word);
     // A hostile file may hold a key of megabytes, which is no typing error.
     const LONGEST: usize = 80;
     if word.len() > LONGEST {

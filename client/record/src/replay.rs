@@ -222,8 +222,7 @@ pub fn replay(path: &Path) -> Result<Outcome, ReplayError> {
     let settings = beginning.settings.iter().find(|thing| thing.daemon_id == daemon);
     let toml = settings.ok_or(ReplayError::NoSettings)?;
     let toml = std::str::from_utf8(&toml.bytes).map_err(|error| ReplayError::Settings(error.to_string()))?;
-    let config = Config::parse(toml, "the recording", ".")
-        .map_err(|error| ReplayError::Settings(error.to_string()))?;
+    let config = Config::recorded(toml).map_err(|error| ReplayError::Settings(error.to_string()))?;
     let mut law = law(config.follower_settings(), config.settings().mpc.horizon)?;
     if let Some(state) = state {
         law.restore(&state.bytes)?;

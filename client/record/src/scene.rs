@@ -55,7 +55,7 @@ impl Scene {
     /// They are not legal here, in words: they name a file that is not here, for example.
     pub(crate) fn of(toml: &[u8]) -> Result<Self, String> {
         let text = std::str::from_utf8(toml).map_err(|error| error.to_string())?;
-        let config = Config::parse(text, "the recording", ".").map_err(|error| error.to_string())?;
+        let config = Config::recorded(text).map_err(|error| error.to_string())?;
         let (settings, robot) = (config.settings(), config.robot());
         let rotation = settings.plane.rotation();
         let plane = (settings.plane.origin_m, turn(rotation.matrix()));

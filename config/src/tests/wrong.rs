@@ -241,3 +241,21 @@ fn axes_that_are_not_at_right_angles_are_refused() {
         over_ur5("[plane]\nx_axis = [0.6, 0.0, 0.8]\nnormal = [0.0, 0.0, 1.0]\n").unwrap_err().to_string();
     assert!(error.contains("right angles") && error.contains("0.8000"), "{error}");
 }
+
+#[test]
+fn a_predictor_of_an_earlier_name_is_refused_with_its_new_one_and_translated_in_a_recording() {
+    for (old, now) in [("ours", "mixture"), ("dybm-online", "dybm"), ("zero", "hold")] {
+        let settings = format!("preset = \"ur5\"\n[predictor]\nkind = \"{old}\"\n");
+        let refused = Config::parse(&settings, "table.toml", ".").unwrap_err().to_string();
+        assert!(refused.contains(&format!("did you mean \"{now}\"?")), "{refused}");
+        let recorded = Config::recorded(&settings).unwrap();
+        assert_eq!(recorded.settings().predictor.kind.name(), now);
+    }
+    let section = "preset = \"ur5\"\n[predictor.ours]\nnetwork = \"none\"\n";
+    assert!(Config::parse(section, "table.toml", ".").is_err());
+    assert_eq!(
+        Config::recorded(section).unwrap().settings().predictor.mixture.network.as_deref(),
+        Some("none")
+    );
+    assert!(Config::recorded("preset = \"ur5\"\n[predictor]\nkind = \"hers\"\n").is_err());
+}

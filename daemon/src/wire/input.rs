@@ -205,7 +205,11 @@ fn request(input: &shm::TickInput) -> Result<Request, &'static str> {
         ControlOp::FreezeTrust => Request::FreezeTrust,
         ControlOp::TrustAuto => Request::TrustAuto,
         ControlOp::SwitchPredictor => {
-            let kind = input.request_predictor.as_str().and_then(PredictorKind::from_name);
+            // A recording may be of a version that called it otherwise.
+            let current = |name: &str| {
+                PredictorKind::from_name(PredictorKind::current_name(name).unwrap_or_else(|| name))
+            };
+            let kind = input.request_predictor.as_str().and_then(current);
             Request::SwitchPredictor(kind.ok_or("request_predictor")?)
         }
         ControlOp::Query | ControlOp::Reload => return Err("request"),

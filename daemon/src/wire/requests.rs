@@ -44,7 +44,7 @@ pub fn asked(request: &ControlRequest) -> Asked {
 #[must_use]
 pub fn unknown_predictor(request: &ControlRequest) -> String {
     let name = request.predictor;
-    let hint = name.as_str().map_or("", PredictorKind::renamed);
+    let hint = name.as_str().map_or_else(String::new, PredictorKind::renamed);
     format!(
         "no predictor is called {name}{hint}; there are {}",
         PredictorKind::LIVE.map(PredictorKind::name).join(", ")

@@ -46,7 +46,7 @@ fn table_1_gives_text_json_and_pictures() {
     let world = World::alone(PROGRAM);
     let set = set(&world);
     let out = world.file("report").display().to_string();
-    let models = "constant-velocity,dybm-online,lstm10-reference,mixture-cold";
+    let models = "constant-velocity,dybm,lstm10-reference,mixture-cold";
     let output = done(
         &world,
         &["lab", "table1", "--data", &set, "--models", models, "--by-label", "--out", &out, "--json", "-"],
@@ -76,7 +76,7 @@ fn networks_are_trained_anew_where_asked_for() {
     let out = world.file("report").display().to_string();
     let file = world.file("rows.json");
     let run =
-        ["lab", "table1", "--data", &set, "--models", "zero,lstm10", "--train", "--out", &out, "--json"];
+        ["lab", "table1", "--data", &set, "--models", "hold,lstm10", "--train", "--out", &out, "--json"];
     done(&world, &[&run[..], &[file.to_str().unwrap()]].concat());
     let rows = json(&file)["rows"].clone();
     assert_eq!(rows[1]["model"], "lstm10");
@@ -111,7 +111,7 @@ fn others_take_part_with_predictions_for_exported_targets() {
     let exports = world.file("targets");
     done(&world, &["lab", "leadtime", "--data", &set, "--export-targets", exports.to_str().unwrap()]);
     let read = |what: &str| std::fs::read_to_string(exports.join(format!("{name}-{what}.csv"))).unwrap();
-    // The pen stays where it is: what `zero` predicts.
+    // The pen stays where it is: what `hold` predicts.
     let points: Vec<Vec<String>> =
         read("points").lines().skip(1).map(|l| l.split(',').map(str::to_owned).collect()).collect();
     let mut answers = String::from("file,segment,t,lead,x,y\n");
@@ -122,17 +122,17 @@ fn others_take_part_with_predictions_for_exported_targets() {
     }
     let file = world.write("answers.csv", &answers);
     let out = world.file("report").display().to_string();
-    let models = format!("zero,file:{file},constant-velocity");
+    let models = format!("hold,file:{file},constant-velocity");
     let output =
         done(&world, &["lab", "leadtime", "--data", &set, "--models", &models, "--out", &out, "--json", "-"]);
     let result: Value = serde_json::from_slice(&output.stdout).unwrap();
     let lanes = result["sets"][0]["models"].as_array().unwrap();
     assert_eq!((lanes.len(), result["sets"][0]["unit"].as_str()), (3, Some("mm")));
-    for (zero, mine) in
+    for (hold, mine) in
         lanes[0]["leads"].as_array().unwrap().iter().zip(lanes[1]["leads"].as_array().unwrap())
     {
-        let (a, b) = (zero["rms"].as_f64().unwrap(), mine["rms"].as_f64().unwrap());
-        assert!((a - b).abs() < 1e-9 && zero["targets"] == mine["targets"], "{zero} {mine}");
+        let (a, b) = (hold["rms"].as_f64().unwrap(), mine["rms"].as_f64().unwrap());
+        assert!((a - b).abs() < 1e-9 && hold["targets"] == mine["targets"], "{hold} {mine}");
     }
     assert_eq!(result["standings"].as_array().unwrap().len(), 3);
     let cut = answers.lines().take(5).collect::<Vec<_>>().join("\n");
@@ -153,8 +153,8 @@ fn wrong_names_sets_and_parts_are_refused_with_the_legal_ones() {
             assert_refused(&world.run_plain(&[&["lab", command], arguments].concat()), code, words);
         };
         refused(&["--data", "nowhere"], 5, &["nowhere"]);
-        refused(&["--data", &set, "--models", "lstm11"], 2, &["lstm11", "dybm-esn-online"]);
-        refused(&["--data", &set, "--models", "zero,zero"], 2, &["zero", "twice"]);
+        refused(&["--data", &set, "--models", "lstm11"], 2, &["lstm11", "dybm-esn"]);
+        refused(&["--data", &set, "--models", "hold,hold"], 2, &["hold", "twice"]);
         refused(&["--data", &set, "--models", "lstm:nowhere.safetensors"], 5, &["nowhere.safetensors"]);
     }
     let output = world.run_plain(&["lab", "evaluate", "--data", &set, "--split", "tests"]);
@@ -170,7 +170,7 @@ fn one_bad_file_is_named_and_left_out_and_ends_only_a_strict_command() {
     let set = set(&world);
     world.write("w4.dat", ".PEN_DOWN\n1 2\nthree 4\n");
     for command in ["table1", "evaluate"] {
-        let arguments = ["lab", command, "--data", &set, "--models", "zero"];
+        let arguments = ["lab", command, "--data", &set, "--models", "hold"];
         let lenient = done(&world, &arguments);
         assert!(told(&lenient).contains("w4.dat"), "{}", told(&lenient));
         let strict = world.run_plain(&[&arguments[..], &["--strict"]].concat());

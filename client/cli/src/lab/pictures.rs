@@ -28,7 +28,7 @@ const OF_RECORDINGS: [(&str, &str, &str, &str); 5] = [
     (
         "leadtime.svg",
         "unipen-ced,unipen-tos,pendigits-orig,character-trajectories",
-        "leadtime --data {} --models mixture,ar-rls,lstm32,dybm-online,constant-velocity",
+        "leadtime --data {} --models mixture,ar-rls,lstm32,dybm,constant-velocity",
         "leadtime.svg",
     ),
     ("fig2-unipen-tos.svg", "unipen-tos", "fig2 --data {} --label all", "fig2.svg"),

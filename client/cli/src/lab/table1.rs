@@ -144,7 +144,7 @@ impl Symbols {
         let rows = by_label(&set.scored, &scored.runs);
         let has = |name: &&str| scored.runs.iter().any(|run| run.model == *name);
         let favoured = FAVOURED.into_iter().find(has);
-        let against = ["dybm-online", "dybm-offline", "constant-velocity"].into_iter().find(has);
+        let against = ["dybm", "dybm-offline", "constant-velocity"].into_iter().find(has);
         let correlations = favoured.map(|name| correlations(&rows, name)).unwrap_or_default();
         let pair = favoured.zip(against).map(|(a, b)| (a.to_owned(), b.to_owned()));
         Self { rows, correlations, pair }

@@ -55,9 +55,6 @@ impl Rival {
             Self::Legal(BaselineKind::Otg) => "otg-legal",
             Self::Legal(BaselineKind::Kalman) => "kalman-legal",
             Self::Law(LawEntrant::Believed(PredictorKind::HOLD)) => "hold-trust1",
-            Self::Law(LawEntrant::Believed(PredictorKind::DYBM)) => "dybm-online",
-            Self::Law(LawEntrant::Believed(PredictorKind::DYBM_ESN)) => "dybm-esn-online",
-            Self::Law(LawEntrant::Believed(PredictorKind::LSTM)) => "lstm10",
             Self::Law(LawEntrant::Believed(PredictorKind::MIXTURE)) => "mixture-trust1",
             Self::Law(LawEntrant::Believed(other)) => other.name(),
         }

@@ -121,13 +121,13 @@ enum Kind {
 }
 
 const TABLE: [(&str, Kind); 11] = [
-    ("zero", Kind::Zero),
+    ("hold", Kind::Zero),
     (CONSTANT_VELOCITY, Kind::ConstantVelocity),
     (LSTM_REFERENCE, Kind::Shipped),
     ("lstm10", Kind::Shipped),
     ("dybm-offline", Kind::Dybm(OnScoredSet::Frozen)),
-    ("dybm-online", Kind::Dybm(OnScoredSet::Learns)),
-    ("dybm-esn-online", Kind::DybmEsn),
+    ("dybm", Kind::Dybm(OnScoredSet::Learns)),
+    ("dybm-esn", Kind::DybmEsn),
     ("ar-rls", Kind::ArRls),
     ("lstm32", Kind::Shipped),
     ("mixture", Kind::Mixture),

@@ -53,7 +53,7 @@ fn models_that_could_not_train_say_so() {
     let (cold, note) = row(&load(folder.path(), "test", true), "dybm-offline");
     assert!(cold.train_s_per_epoch.is_none() && note.unwrap().contains("cold"));
     // Without a single step to learn from it predicts what Hold does.
-    let (zero, _) = row(&load(folder.path(), "test", true), "zero");
+    let (zero, _) = row(&load(folder.path(), "test", true), "hold");
     assert_eq!((cold.mse, cold.pos_mse), (zero.mse, zero.pos_mse));
     assert!(trained.mse < zero.mse);
 }
@@ -80,11 +80,11 @@ fn networks_do_the_same_on_a_tablet_of_other_units() {
 
 #[test]
 fn wrong_names_are_answered_with_the_legal_ones() {
-    let error = Model::list("zero,lstm11").unwrap_err().to_string();
-    for word in ["\"lstm11\"", "constant-velocity", "dybm-esn-online", "lstm:FILE.safetensors"] {
+    let error = Model::list("hold,lstm11").unwrap_err().to_string();
+    for word in ["\"lstm11\"", "constant-velocity", "dybm-esn", "lstm:FILE.safetensors"] {
         assert!(error.contains(word), "{error}");
     }
-    assert!(Model::list("zero, zero").unwrap_err().to_string().contains("twice"));
+    assert!(Model::list("hold, hold").unwrap_err().to_string().contains("twice"));
     assert!(Model::list("").is_err());
     let error = Model::list("lstm:nowhere.safetensors").unwrap_err().to_string();
     assert!(error.contains("nowhere.safetensors"), "{error}");
@@ -96,7 +96,7 @@ fn rows_have_the_documented_keys_and_null_where_unknown() {
     let folder = folder(&[("train", "a.dat"), ("test", "b.dat")]);
     let mut set = load(folder.path(), "test", false);
     set.scored.iter_mut().for_each(|s| s.units_per_m = None);
-    let json = serde_json::to_value(row(&set, "zero").0).unwrap();
+    let json = serde_json::to_value(row(&set, "hold").0).unwrap();
     let mut keys: Vec<&String> = json.as_object().unwrap().keys().collect();
     keys.sort();
     assert_eq!(

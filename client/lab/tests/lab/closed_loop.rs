@@ -149,7 +149,7 @@ fn hold_is_never_worse_than_itself_and_rows_say_everything() {
 #[test]
 fn many_threads_give_the_numbers_of_one() {
     let config = config();
-    let names = ["hold", "mixture", "dybm-online", "kalman"];
+    let names = ["hold", "mixture", "dybm", "kalman"];
     let benchmark = benchmark(&config, &[BenchArm::Delay30], &names);
     for outcome in benchmark.run(|| {}).unwrap() {
         let (arm, hands) = &benchmark.arms[0];
@@ -265,8 +265,7 @@ fn leaps_of_the_pen_do_not_throw_an_arm_without_limits() {
         hand
     };
     let arms = [BenchArm::Ideal, BenchArm::Delay30].map(|arm| (arm, vec![hand(arm)])).to_vec();
-    let rivals =
-        ["mixture", "dybm-online", "mixture-trust1"].map(|name| Rival::named(name).unwrap()).to_vec();
+    let rivals = ["mixture", "dybm", "mixture-trust1"].map(|name| Rival::named(name).unwrap()).to_vec();
     for row in Outcome::table(
         &Benchmark { config: &config, arms, rivals, flaws: Flaws::default() }.run(|| {}).unwrap(),
     ) {
@@ -358,7 +357,7 @@ fn the_lead_of_the_presets_is_for_arms_behind_a_servo_and_for_what_is_not_known(
 #[test]
 fn a_name_that_nobody_has_is_answered_with_all_names_in_order() {
     let error = Rival::named("servoj").unwrap_err();
-    let names = "hold constant-velocity dybm-online dybm-esn-online lstm10 ar-rls mixture-trust1 mixture \
+    let names = "hold constant-velocity dybm dybm-esn lstm ar-rls mixture-trust1 mixture \
                  servoj-gello \
                  servoj-ros otg kalman oracle servoj-gello-legal servoj-ros-legal otg-legal kalman-legal";
     assert_eq!(error.known.join(" "), names);

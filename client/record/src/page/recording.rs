@@ -176,7 +176,7 @@ pub fn of_recording(path: &Path) -> Result<(String, Told), RecordError> {
         .as_deref()
         .ok_or_else(|| "it holds no settings".to_owned())
         .and_then(|bytes| std::str::from_utf8(bytes).map_err(|error| error.to_string()))
-        .and_then(|text| Config::parse(text, "the recording", ".").map_err(|error| error.to_string()))
+        .and_then(|text| Config::recorded(text).map_err(|error| error.to_string()))
         .map_err(|why| wrong(format!("the arm's geometry is not known: {why}")))?;
     measure(&mut found.piece.run, &config);
     let name = path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());

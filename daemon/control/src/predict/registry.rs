@@ -265,14 +265,26 @@ impl PredictorKind {
         (self.entry().has)(models)
     }
 
+    /// What the predictor or table row that earlier versions called `name` is called now; `None`: it was
+    /// never called otherwise.
+    #[must_use]
+    pub fn current_name(name: &str) -> Option<&'static str> {
+        Some(match name {
+            "ours" => Self::MIXTURE.name(),
+            "zero" => Self::HOLD.name(),
+            "dybm-online" => Self::DYBM.name(),
+            "dybm-esn-online" => Self::DYBM_ESN.name(),
+            "lstm10" => Self::LSTM.name(),
+            _ if name.starts_with("ours-") => Self::MIXTURE.name(),
+            _ => return None,
+        })
+    }
+
     /// Hint for a request with a name of earlier versions; empty for other names.
     #[must_use]
-    pub fn renamed(name: &str) -> &'static str {
-        if name == "ours" || name.starts_with("ours-") {
-            " (what was called ours is called mixture)"
-        } else {
-            ""
-        }
+    pub fn renamed(name: &str) -> String {
+        Self::current_name(name)
+            .map_or_else(String::new, |now| format!(" (what was called {name} is called {now})"))
     }
 
     /// The predictor of that name.

@@ -219,9 +219,14 @@ fn a_jump_empties_memory_and_teaches_nothing_whatever_predicts() {
 
 #[test]
 fn who_asks_by_an_old_name_is_told_the_new_one() {
-    for old in ["ours", "ours-plus"] {
+    let dybm =
+        ["dybm-online", "dybm-esn-online"].into_iter().zip([PredictorKind::DYBM, PredictorKind::DYBM_ESN]);
+    let others = [("zero", PredictorKind::HOLD), ("lstm10", PredictorKind::LSTM)];
+    let ours = ["ours", "ours-plus"].map(|old| (old, PredictorKind::MIXTURE));
+    for (old, now) in ours.into_iter().chain(others).chain(dybm) {
         assert_eq!(PredictorKind::from_name(old), None);
-        assert!(PredictorKind::renamed(old).contains(PredictorKind::MIXTURE.name()), "{old}");
+        assert_eq!(PredictorKind::current_name(old), Some(now.name()));
+        assert!(PredictorKind::renamed(old).ends_with(&format!("is called {})", now.name())), "{old}");
     }
     for name in PredictorKind::ALL.map(PredictorKind::name).into_iter().chain(["", "our", "hours-"]) {
         assert_eq!(PredictorKind::renamed(name), "", "{name}");

@@ -30,7 +30,7 @@ pub(crate) fn of((set, experiments): &(PathBuf, &[&str])) -> Result<Vec<Figure>,
         let mut command = Command::new(&program);
         command.args(["lab", experiment, "--data"]).arg(set).args(["--json", "-", "--out"]).arg(&scratch);
         if *experiment == "closed-loop" {
-            command.args(["--limit", "2", "--predictors", "hold,mixture,dybm-online", "--arms", "ur5,slow"]);
+            command.args(["--limit", "2", "--predictors", "hold,mixture,dybm", "--arms", "ur5,slow"]);
         }
         let output = command.output().map_err(|error| format!("{}: {error}", program.display()))?;
         if !output.status.success() {

@@ -14,7 +14,7 @@ use super::targets::{Targets, between};
 use crate::parallel;
 
 /// The model that standings are measured against.
-const STILL: &str = "zero";
+const STILL: &str = "hold";
 
 /// A predictor on the board.
 #[derive(Debug, Clone)]

@@ -39,7 +39,7 @@ fn straight_even_motion_is_missed_by_hold_and_met_by_constant_velocity() {
     // 2 raw units = 1 mm per 10 ms; y grows by 1.
     let points: Vec<[f64; 2]> = (0..40).map(|i| [2.0 * f64::from(i), f64::from(i)]).collect();
     let (boards, standings) =
-        compare(&models("zero,constant-velocity"), &[set(vec![character(0, &points, &[])])], &|| ()).unwrap();
+        compare(&models("hold,constant-velocity"), &[set(vec![character(0, &points, &[])])], &|| ()).unwrap();
     let [zero, repeat] = &boards[0].models[..] else { panic!("two lanes") };
     let step_mm = 1.25_f64.sqrt();
     for (index, row) in zero.leads.iter().enumerate() {
