@@ -206,9 +206,8 @@ fn request(input: &shm::TickInput) -> Result<Request, &'static str> {
         ControlOp::TrustAuto => Request::TrustAuto,
         ControlOp::SwitchPredictor => {
             // A recording may be of a version that called it otherwise.
-            let current = |name: &str| {
-                PredictorKind::from_name(PredictorKind::current_name(name).unwrap_or_else(|| name))
-            };
+            let current =
+                |name: &str| PredictorKind::from_name(PredictorKind::current_name(name).unwrap_or(name));
             let kind = input.request_predictor.as_str().and_then(current);
             Request::SwitchPredictor(kind.ok_or("request_predictor")?)
         }

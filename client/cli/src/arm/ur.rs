@@ -252,6 +252,9 @@ fn tell(args: &UrArgs, config: &Config, found: &Found, deviation: Option<Deviati
     }
 }
 
+/// Why the arm does not follow, and where it is slowed to how many percent.
+type Hindrance = Option<(Reason, Option<i32>)>;
+
 struct Bridge {
     link: Link,
     daemon: Daemons,
@@ -265,7 +268,7 @@ struct Bridge {
     /// What the system said about the reason that was told last.
     detail: Option<String>,
     /// Which daemon was told what keeps the arm from following, and at which speed.
-    said: Option<(u64, Option<(Reason, Option<i32>)>)>,
+    said: Option<(u64, Hindrance)>,
     /// That the arm may be armed has been said.
     ready: bool,
     not_sent: u64,
