@@ -47,20 +47,25 @@ impl Keys {
 
     /// The newest key that was pressed since the last look; does not wait.
     pub(crate) fn pressed(&mut self) -> Option<u8> {
-        let mut newest = None;
+        self.typed().last().copied()
+    }
+
+    /// What was typed since the last look, in its order; does not wait.
+    pub(crate) fn typed(&mut self) -> Vec<u8> {
+        let mut typed = Vec::new();
         let mut waiting = [0; 64];
         // A held key fills less than this between two looks.
         for _ in 0..16 {
             let mut looked = [PollFd::new(&self.input, PollFlags::IN)];
             let now = Timespec { tv_sec: 0, tv_nsec: 0 };
             let readable = poll(&mut looked, Some(&now)).is_ok_and(|ready| ready > 0);
-            let told = if readable { self.input.read(&mut waiting).unwrap_or(0) } else { 0 };
-            match waiting.get(..told).and_then(<[u8]>::last) {
-                Some(key) => newest = Some(*key),
-                None => break,
+            let count = if readable { self.input.read(&mut waiting).unwrap_or(0) } else { 0 };
+            if count == 0 {
+                break;
             }
+            typed.extend(waiting.iter().take(count));
         }
-        newest
+        typed
     }
 }
 

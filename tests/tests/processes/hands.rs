@@ -174,10 +174,11 @@ fn samples_of_a_pipe_reach_the_loop_to_the_last_line_and_lines_that_are_none_are
         "pen.txt",
         &format!("x_m,y_m,contact\n{lines}0.01,0.02\n0.01,0.02,7\n{}\n0.02,0.001,1", "9".repeat(300)),
     );
-    // What a player sent and the loop did not take yet is lost when that ends.
-    let feed = "{ cat pen.txt; sleep 1; } | exec \"$0\" \"$@\"";
+    let feed = "exec \"$0\" \"$@\" < pen.txt";
     world.go_through(["sh", "-c", feed].map(str::to_owned).to_vec());
-    let output = world.run(0, &["play", "-", "--json", "play.json"]);
+    // It stays for as long as a loop may be held up.
+    let patient = ["--set", "safety.latch_after_ms=2000"];
+    let output = world.run(0, &["play", "-", "--json", "play.json", patient[0], patient[1]]);
     world.go_through(Vec::new());
     assert!(output.status.success(), "{}", told(&output));
     let report = json(&world.file("play.json"));

@@ -101,6 +101,20 @@ impl Intake {
         self.held.front().map_or([0.0; JOINTS], |held| self.wanted(held, now).q)
     }
 
+    /// Where the arm rests at `now` \[rad\]; `None` while a command is in force, or it still brakes.
+    pub(crate) fn rest(&self, now: Stamp) -> Option<[f64; JOINTS]> {
+        let held = self.held.back()?;
+        let motion = self.wanted(held, now);
+        (now > held.valid_until && motion.qd == [0.0; JOINTS]).then_some(motion.q)
+    }
+
+    /// Lets an arm at rest rest at `q` instead \[rad\]; without an effect where `q` is not finite.
+    pub(crate) fn put(&mut self, q: [f64; JOINTS]) {
+        if let Some(command) = Commanded::at_rest(Stamp::default(), q) {
+            self.held = VecDeque::from([Held { command, valid_until: Stamp::default() }]);
+        }
+    }
+
     /// The newest command taken, and when.
     pub(crate) fn newest(&self) -> Option<&(JointCommand, Stamp)> {
         self.newest.as_ref()

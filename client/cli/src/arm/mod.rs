@@ -8,6 +8,7 @@ mod record;
 mod judge;
 mod ports;
 mod agreement;
+mod guide;
 mod sim;
 pub(crate) mod ur;
 

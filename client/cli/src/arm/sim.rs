@@ -15,6 +15,7 @@ use foretrace_control::extent::ExtentWatch;
 use foretrace_control::units::Stamp;
 use foretrace_sim::arm::{ArmModel, JOINTS};
 
+use super::guide::Guide;
 use super::intake::Intake;
 use super::options::LagArgs;
 use super::ports::{Daemons, Reads};
@@ -70,6 +71,11 @@ pub(crate) struct SimArgs {
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
 
+    /// Move the arm by hand while it is not armed, with the keys of the terminal: to rehearse `foretrace
+    /// calibrate plane` and `foretrace move home`
+    #[arg(long)]
+    guide: bool,
+
     /// Ask for no real-time priority
     #[arg(long)]
     no_rights: bool,
@@ -98,6 +104,7 @@ pub(crate) fn run(args: &SimArgs) -> Result<(), Failure> {
     let arm = args.lag.settings(cycle_s);
     let model = ArmModel::at_rest(arm, from);
     let record = args.record.as_deref().map(Record::create).transpose()?;
+    let guide = args.guide.then(|| Guide::open(&robot.chain, &robot.limits)).transpose()?;
     let instance = instance_of(settings)?;
     let foretrace = attach_within(&instance, Duration::from_secs_f64(args.wait))?;
     let daemon = Daemons::attached(foretrace, Reads::CommandsOnly)?;
@@ -112,6 +119,7 @@ pub(crate) fn run(args: &SimArgs) -> Result<(), Failure> {
         cycle_ns: 1_000_000_000 / u64::from(rate_hz),
         model,
         intake,
+        guide,
         daemon,
         record,
         delay: DelaySeen::default(),
@@ -153,6 +161,7 @@ struct Simulation {
     cycle_ns: u64,
     model: ArmModel,
     intake: Intake,
+    guide: Option<Guide>,
     daemon: Daemons,
     record: Option<Record>,
     delay: DelaySeen,
@@ -179,6 +188,7 @@ impl Simulation {
             let now = monotonic_now_ns();
             self.late(now.saturating_sub(due));
             self.receive(Stamp(due));
+            self.guided(due);
             // From the first command on.
             if let (None, Some(s), Some(_)) = (spins, spin_after, self.intake.newest()) {
                 spins = Some(now + (s * 1e9) as u64);
@@ -216,6 +226,14 @@ impl Simulation {
                 // Not at `due`: an echo must not say that a command was taken before it was sent.
                 intake.receive(command, Stamp(monotonic_now_ns()), due);
             });
+        }
+    }
+
+    fn guided(&mut self, due: u64) {
+        let Some(guide) = &mut self.guide else { return };
+        let rest = self.intake.rest(Stamp(due));
+        if let Some(q) = guide.look(rest, due) {
+            self.intake.put(q);
         }
     }
 

@@ -134,7 +134,7 @@ pub(crate) fn run(args: &PlayArgs) -> Result<(), Failure> {
         player.way.look();
         player.report.seconds = after_s;
     }
-    player.finish(args)
+    player.finish(args, &interrupt)
 }
 
 /// Samples of a pipe.
@@ -147,13 +147,16 @@ fn piped(args: &PlayArgs, config: &Config, interrupt: &Interrupt) -> Result<(), 
     piped::run(&mut player, args.seconds, interrupt)?;
     let report = &mut player.report;
     report.rate_hz = if report.seconds > 0.0 { report.samples as f64 / report.seconds } else { 0.0 };
-    player.finish(args)
+    player.finish(args, interrupt)
 }
 
 struct Player {
     way: Way,
     report: PlayReport,
     sent: Option<Vec<PathSample>>,
+    /// What the loop did not take yet is lost with the player: one that was held up for longer has latched a
+    /// stop by then \[ns\].
+    lingers_ns: u64,
 }
 
 impl Player {
@@ -166,11 +169,16 @@ impl Player {
                 Way::shared(&instance_of(config.settings())?, wait, who, args.take_over)?
             }
         };
-        Ok(Self { way, report: PlayReport::default(), sent: args.record.is_some().then(Vec::new) })
+        let sent = args.record.is_some().then(Vec::new);
+        let lingers_ns = (config.settings().safety.latch_after_ms * 1e6) as u64;
+        Ok(Self { way, report: PlayReport::default(), sent, lingers_ns })
     }
 
-    /// Writes what was asked for, and tells how it went.
-    fn finish(self, args: &PlayArgs) -> Result<(), Failure> {
+    /// Lets the loop take what was sent, writes what was asked for, and tells how it went.
+    fn finish(self, args: &PlayArgs, interrupt: &Interrupt) -> Result<(), Failure> {
+        if self.report.unheard < self.report.samples {
+            slept_until(monotonic_now_ns() + self.lingers_ns, interrupt);
+        }
         if let (Some(file), Some(sent)) = (&args.record, self.sent) {
             write_csv(file, &PenPath::from_samples(sent)).map_err(|error| {
                 Failure::failed(format_args!("{}: {error}", file.display()), "give a writable --record FILE")

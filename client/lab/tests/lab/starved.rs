@@ -4,7 +4,6 @@
 
 use foretrace_config::Config;
 use foretrace_control::follower::Request;
-use foretrace_control::stop::StopReason;
 use foretrace_sim::arm::ArmSettings;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -29,16 +28,13 @@ const LOADS: [Load; 5] = [
     Load { chance: 0.005, longest: 20, left_hz: 475.0 },
 ];
 
-/// Texts for each load and preset; of all of them, so many may be stopped, beyond the margin by so much
-/// \[m\]: gaps in rows leave no time to brake. Blind to gaps, most are stopped, and silence leads 20 mm into
-/// the paper.
+/// Texts for each load and preset. Blind to gaps, most are stopped, and silence leads 20 mm into the paper.
 const TEXTS: usize = 8;
-const STOPPED: usize = 3;
-const BEYOND_M: f64 = 4e-4;
+/// So far beyond the margin silence may lead \[m\].
+const BY_SILENCE_M: f64 = 2e-3;
 
 #[test]
 fn a_starved_loop_writes_on_inside_its_envelope() {
-    let mut stopped = 0;
     for (preset, cycle_s) in [("ur5", 0.008), ("ur5e", 0.002)] {
         for load in LOADS {
             let (mut beyond, mut silence, mut ticks, mut periods) = (0.0_f64, 0.0_f64, 0_u64, 0_u64);
@@ -50,21 +46,18 @@ fn a_starved_loop_writes_on_inside_its_envelope() {
                 let counted = std::rc::Rc::new(std::cell::Cell::new([0_u64; 2]));
                 let (mut random, count) = (Pcg64::seed_from_u64(seed), counted.clone());
                 desk.lose(move || {
+                    let [ticks, periods] = count.get();
                     let gap = if random.random_bool(load.chance) {
                         random.random_range(1..=load.longest)
                     } else {
-                        0
+                        // Rows for silence are there once the loop knows that it loses periods.
+                        u64::from(ticks == 0)
                     };
-                    let [ticks, periods] = count.get();
                     count.set([ticks + 1, periods + 1 + gap]);
                     gap
                 });
                 let stop = desk.write_text(text, seed);
-                if let Some((reason, detail)) = stop {
-                    println!("{preset}, {load:?}, {text} {seed}: {detail:?}");
-                    assert_eq!(reason, StopReason::Envelope, "{preset}, {load:?}, {text} {seed}");
-                    stopped += 1;
-                }
+                assert_eq!(stop, None, "{preset}, {load:?}, {text} {seed}");
                 beyond = beyond.max(desk.seen.outside_m - margin);
                 silence = silence.max(desk.seen.silence_m - margin);
                 let [of, all] = counted.get();
@@ -77,11 +70,13 @@ fn a_starved_loop_writes_on_inside_its_envelope() {
                 silence * 1e3
             );
             assert!((rate_hz - load.left_hz).abs() < 15.0, "{load:?}: {rate_hz} Hz");
-            assert!(beyond <= BEYOND_M, "{preset}, {load:?}: {beyond} m beyond the margin");
-            assert!(silence <= 5e-3, "{preset}, {load:?}: silence leads {silence} m beyond the margin");
+            assert!(beyond <= 0.0, "{preset}, {load:?}: {beyond} m beyond the margin");
+            assert!(
+                silence <= BY_SILENCE_M,
+                "{preset}, {load:?}: silence leads {silence} m beyond the margin"
+            );
         }
     }
-    assert!(stopped <= STOPPED, "{stopped} of {} texts", 2 * LOADS.len() * TEXTS);
 }
 
 /// Longer than the arm's lag: its joints answer what it did by itself before the next tick is made.

@@ -1,9 +1,9 @@
-//! Where a consumer without commands comes to rest.
+//! Where a consumer without commands comes to rest, and where it turns on the way.
 
 use super::chain::{Chain, Kinematics};
 use super::limits::{JointLimits, JointMotion, VelocityBox};
 
-/// Where a consumer comes to rest that receives nothing after the next command, if that continues the last.
+/// Where a consumer is that receives nothing after the next command, if that continues the last.
 pub(crate) struct Silence<const J: usize> {
     pub(crate) kinematics: Kinematics<J>,
     /// Change of that position per change of the next velocity, per joint \[s\].
@@ -11,20 +11,65 @@ pub(crate) struct Silence<const J: usize> {
 }
 
 impl<const J: usize> Silence<J> {
-    /// q + q̇(h + hold) + q̇|q̇|/(2a_b), every joint braking independently, and h + hold + |q̇|/a_b.
+    /// Where it comes to rest: q + q̇(h + hold) + q̇|q̇|/(2a_b), every joint braking independently, and
+    /// h + hold + |q̇|/a_b.
     pub(crate) fn after(
         chain: &Chain<J>,
         limits: &JointLimits<J>,
         motion: &JointMotion<J>,
         elapsed: f64,
     ) -> Self {
+        Self::braking(chain, limits, motion, elapsed, f64::INFINITY)
+    }
+
+    /// Where it is once its joints have braked for `braked` \[s\].
+    pub(crate) fn braking(
+        chain: &Chain<J>,
+        limits: &JointLimits<J>,
+        motion: &JointMotion<J>,
+        elapsed: f64,
+        braked: f64,
+    ) -> Self {
         let (mut q, mut gain) = (motion.q, [elapsed + limits.hold_s(); J]);
         let joints = q.iter_mut().zip(&mut gain).zip(motion.qd.iter().zip(limits.deceleration()));
         for ((q, gain), (qd, decel)) in joints {
-            *q += qd * (*gain + 0.5 * qd.abs() / decel);
-            *gain += qd.abs() / decel;
+            let rests = qd.abs() / decel;
+            if braked < rests {
+                *q += qd * (*gain + braked) - 0.5 * decel.copysign(*qd) * braked * braked;
+                *gain += braked;
+            } else {
+                *q += qd * (*gain + 0.5 * qd.abs() / decel);
+                *gain += rests;
+            }
         }
         Self { kinematics: chain.forward(&q), gain }
+    }
+
+    /// When the motion along `row` turns back while the joints brake \[s\]: what is slow along it may stop
+    /// earlier than what moves against it. `None`: it moves inward, or outward until all is at rest.
+    pub(crate) fn turns(limits: &JointLimits<J>, motion: &JointMotion<J>, row: &[f64; J]) -> Option<f64> {
+        let rests = |joint: usize| {
+            let of = |values: &[f64; J]| values.get(joint).copied().unwrap_or_default();
+            of(&motion.qd).abs() / of(limits.deceleration())
+        };
+        // Linear between the moments at which joints come to rest.
+        let speed = |t: f64| {
+            let joints = row.iter().zip(&motion.qd).zip(limits.deceleration());
+            joints.map(|((c, qd), decel)| c * (qd.abs() - decel * t).max(0.0).copysign(*qd)).sum::<f64>()
+        };
+        let begins = speed(0.0);
+        if !(begins > 0.0) {
+            return None;
+        }
+        let back = (0..J).map(rests).filter(|t| speed(*t) < 0.0).fold(f64::INFINITY, f64::min);
+        if back == f64::INFINITY {
+            return None;
+        }
+        let (from, out) = (0..J)
+            .map(rests)
+            .filter(|t| *t < back)
+            .fold((0.0, begins), |last, t| if t > last.0 { (t, speed(t)) } else { last });
+        Some(from + (back - from) * out / (out - speed(back)))
     }
 
     /// Largest rotation of each joint until then, for any next velocity in the box \[rad\].
@@ -41,5 +86,51 @@ impl<const J: usize> Silence<J> {
             *angle = speed * (elapsed + limits.hold_s() + 0.5 * speed / decel);
         }
         angle
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{RngExt, SeedableRng};
+    use rand_pcg::Pcg64;
+
+    use super::*;
+    use crate::guard::{Commanded, consumer_state};
+    use crate::units::Stamp;
+
+    const HOLD_S: f64 = 0.01;
+
+    /// Along random rows, from random velocities, by what consumers do.
+    #[test]
+    fn the_place_where_it_turns_is_the_farthest_on_its_way() {
+        let mut rng = Pcg64::seed_from_u64(3);
+        let limits = JointLimits::new([[-6.0, 6.0]; 3], [3.0; 3], [40.0; 3]).unwrap();
+        let limits = limits.with_stale_braking(HOLD_S, [5.0, 10.0, 20.0]).unwrap();
+        let mut turned = 0;
+        for _ in 0..3000 {
+            let mut any = |most: f64| [(); 3].map(|()| rng.random_range(-most..most));
+            let (row, qd) = (any(1.0), any(2.0));
+            let motion = JointMotion { qd, ..JointMotion::at_rest([0.0; 3]) };
+            let command = Commanded::new(Stamp(0), motion).unwrap();
+            let at = |braked: f64| {
+                let at = Stamp(((HOLD_S + braked) * 1e9) as u64);
+                let state = consumer_state(&command, Stamp(10_000_000), limits.deceleration(), at);
+                row.iter().zip(&state.q).map(|(c, q)| c * q).sum::<f64>()
+            };
+            let begins: f64 = row.iter().zip(&qd).map(|(c, v)| c * v).sum();
+            let farthest = (0..800).map(|i| at(1e-3 * f64::from(i))).fold(at(9.0), f64::max);
+            match Silence::turns(&limits, &motion, &row) {
+                Some(braked) => {
+                    turned += 1;
+                    // It may turn once more, and come to rest farther out.
+                    let found = at(braked).max(at(9.0));
+                    assert!((found - farthest).abs() < 2e-5, "{row:?} {qd:?}: {found} of {farthest}");
+                    assert!(at(braked) > at(9.0) - 2e-5 || begins > 0.0);
+                }
+                None if begins > 0.0 => assert!(farthest - at(9.0) < 2e-5, "{row:?} {qd:?}"),
+                None => {}
+            }
+        }
+        assert!(turned > 300, "{turned} of 3000 turned");
     }
 }

@@ -9,8 +9,9 @@
 //! bounds may be active and the Jacobian changes meanwhile). Joint limits are the QP's box and hard;
 //! clearance rows have the higher price, then the envelope, then the task. Outside a bound, rows only forbid
 //! moving farther out. A loop that lost periods lately has the same rows for the place where the joints come
-//! to rest by themselves if no further command comes, as the clearance always has. After the command is made,
-//! its forward kinematics are judged: beyond the margin and farther out than before, the loop latches a stop.
+//! to rest by themselves if no further command comes, and for where the tool turns back on the way there.
+//! After the command is made, its forward kinematics are judged: beyond the margin and farther out than
+//! before, the loop latches a stop.
 //!
 //! Contract: no allocation, bounded work, no panic. The only memory is how far outside the tool was when it
 //! was armed, and what was lost. A tick whose wanted velocities satisfy all rows is unchanged bit for bit.

@@ -16,10 +16,33 @@ const WEIGHT: f64 = 0.1;
 const COUNTED_ON: f64 = 0.5;
 /// Bisections for the fastest speed that can still be stopped, where joints have jerk limits.
 const HALVINGS: u32 = 24;
-/// Number of the tilt among the ways, after the plane's axes.
-const TILT: usize = 3;
 /// Share of the margin over the largest tilt that silence may use.
 const SILENT_TILT: f64 = 0.5;
+
+/// The two bounds along one direction.
+#[derive(Debug, Clone, Copy)]
+enum Side {
+    Below,
+    Above,
+}
+
+const SIDES: [Side; 2] = [Side::Below, Side::Above];
+
+impl Side {
+    const fn sign(self) -> f64 {
+        match self {
+            Self::Below => -1.0,
+            Self::Above => 1.0,
+        }
+    }
+
+    const fn of(self, [below, above]: [f64; 2]) -> f64 {
+        match self {
+            Self::Below => below,
+            Self::Above => above,
+        }
+    }
+}
 
 /// The bounds along one direction: an axis of the plane, or the tilt.
 struct Way<const J: usize> {
@@ -48,13 +71,11 @@ impl<const J: usize> Envelope<J> {
         }
         let mut broken = false;
         let bending = kinematics.jacobian_dot_qd(&motion.qd) * (0.5 * elapsed);
-        self.ways(kinematics, &bending, &self.inner, self.tilt, |_, way| {
+        for way in self.ways(kinematics, &bending, &self.inner, self.tilt) {
             let v = dot(&way.row, wanted) + way.bent;
-            let [below, above] = way.room;
-            let room = if v < 0.0 { below } else { above };
-            broken |=
-                !(v.abs() <= self.fastest(&way, motion, room, elapsed, if v < 0.0 { -1.0 } else { 1.0 }));
-        });
+            let side = if v < 0.0 { Side::Below } else { Side::Above };
+            broken |= !(v.abs() <= self.fastest(&way, motion, elapsed, side));
+        }
         self.silent_ways(kinematics, motion, elapsed, |row, most| {
             broken |= !(dot(row, wanted) <= most);
         });
@@ -73,14 +94,13 @@ impl<const J: usize> Envelope<J> {
         offered: &mut Offered<J>,
     ) {
         let bending = kinematics.jacobian_dot_qd(&motion.qd) * (0.5 * elapsed);
-        self.ways(kinematics, &bending, &self.inner, self.tilt, |_, way| {
-            let [below, above] = way.room;
-            for (sign, room) in [(-1.0, below), (1.0, above)] {
-                let fastest = self.fastest(&way, motion, room, elapsed, sign);
+        for way in self.ways(kinematics, &bending, &self.inner, self.tilt) {
+            for side in SIDES {
+                let (fastest, sign) = (self.fastest(&way, motion, elapsed, side), side.sign());
                 let row = way.row.map(|c| -sign * c * WEIGHT);
                 offered.offer(&row, (sign * way.bent - fastest) * WEIGHT, allowed);
             }
-        });
+        }
         self.silent_ways(kinematics, motion, elapsed, |row, most| {
             offered.offer(&row.map(|c| -c * WEIGHT), -most * WEIGHT, allowed);
         });
@@ -93,32 +113,34 @@ impl<const J: usize> Envelope<J> {
         }
     }
 
-    /// Calls `see` with the plane's axes and the tilt, numbered, and the room inside `bounds` \[m\] and
-    /// `most` \[rad\].
+    /// The plane's axes and the tilt, with the room inside `bounds` \[m\] and `most` \[rad\].
     fn ways(
         &self,
         kinematics: &Kinematics<J>,
         bending: &Vector6<f64>,
         bounds: &[[f64; 2]; 3],
         most: f64,
-        mut see: impl FnMut(usize, Way<J>),
-    ) {
+    ) -> [Way<J>; 4] {
         let linear: Vector3<f64> = bending.fixed_rows::<3>(0).into_owned();
         let tool = self.plane.point_from_base(&kinematics.position);
         let axes = self.plane.rotation.matrix();
-        for (index, ((axis, at), [low, high])) in axes.column_iter().zip(&tool).zip(bounds).enumerate() {
-            let [row] = kinematics.jacobian.fixed_rows::<3>(0).tr_mul(&axis).data.0;
-            see(index, Way { row, bent: linear.dot(&axis), room: [at - low, high - at] });
-        }
+        let along = |axis: usize, at: f64, [low, high]: [f64; 2]| {
+            let column = axes.column(axis);
+            let [row] = kinematics.jacobian.fixed_rows::<3>(0).tr_mul(&column).data.0;
+            Way { row, bent: linear.dot(&column), room: [at - low, high - at] }
+        };
+        let [x, y, z] = *bounds;
         let (tilt, about) = self.tilted(kinematics);
         let [row] = kinematics.jacobian.fixed_rows::<3>(3).tr_mul(&about).data.0;
         let bent = bending.fixed_rows::<3>(3).dot(&about);
-        see(TILT, Way { row, bent, room: [f64::INFINITY, most - tilt] });
+        let tilt = Way { row, bent, room: [f64::INFINITY, most - tilt] };
+        [along(0, tool.x, x), along(1, tool.y, y), along(2, tool.z, z), tilt]
     }
 
     /// Calls `see` with rows c and bounds b \[m/s\] such that c·q̇ ≤ b keeps the place inside where the arm
-    /// comes to rest if the next command is the last one for long, or lets it lie no farther out than the
-    /// tool is. Every joint brakes by itself then, which is not straight for the tool.
+    /// comes to rest if the next command is the last one for long, and the place where it turns back on the
+    /// way there, or lets them lie no farther out than the tool is. Every joint brakes by itself then, which
+    /// is not straight for the tool.
     fn silent_ways(
         &self,
         kinematics: &Kinematics<J>,
@@ -127,26 +149,32 @@ impl<const J: usize> Envelope<J> {
         mut see: impl FnMut(&[f64; J], f64),
     ) {
         let Some(gap_s) = self.gaps.expected_s else { return };
-        let (still, tilt) = (Vector6::zeros(), self.tilt + SILENT_TILT * TILT_MARGIN_RAD);
-        let mut here = [[0.0; 2]; 4];
-        self.ways(kinematics, &still, &self.inner, tilt, |index, way| {
-            here.get_mut(index).into_iter().for_each(|room| *room = way.room);
-        });
-        let rest = Silence::after(&self.chain, &self.limits, motion, elapsed + gap_s);
-        self.ways(&rest.kinematics, &still, &self.inner, tilt, |index, way| {
-            let mut row = way.row;
-            row.iter_mut().zip(&rest.gain).for_each(|(c, gain)| *c *= gain * self.rate);
+        let most = self.tilt + SILENT_TILT * TILT_MARGIN_RAD;
+        let ways = |at: &Kinematics<J>| self.ways(at, &Vector6::zeros(), &self.inner, most);
+        let silent = |braked| Silence::braking(&self.chain, &self.limits, motion, elapsed + gap_s, braked);
+        let mut keep = |at: &Silence<J>, way: &Way<J>, here: &Way<J>, side: Side| {
+            let mut row = way.row.map(|c| side.sign() * c);
+            row.iter_mut().zip(&at.gain).for_each(|(c, gain)| *c *= gain * self.rate);
             let now = dot(&row, &motion.qd);
-            let here = here.get(index).copied().unwrap_or_default();
-            for (sign, (room, here)) in [-1.0, 1.0].into_iter().zip(way.room.into_iter().zip(here)) {
-                see(&row.map(|c| sign * c), sign * now + self.rate * (room - here.min(0.0)));
+            see(&row, now + self.rate * (side.of(way.room) - side.of(here.room).min(0.0)));
+        };
+        let rest = silent(f64::INFINITY);
+        for (index, (way, here)) in ways(&rest.kinematics).iter().zip(&ways(kinematics)).enumerate() {
+            for side in SIDES {
+                keep(&rest, way, here, side);
+                let outward = way.row.map(|c| side.sign() * c);
+                let Some(braked) = Silence::turns(&self.limits, motion, &outward) else { continue };
+                let turning = silent(braked);
+                if let Some(way) = ways(&turning.kinematics).get(index) {
+                    keep(&turning, way, here, side);
+                }
             }
-        });
+        }
     }
 
     /// See [`fastest_stoppable`].
-    fn fastest(&self, way: &Way<J>, motion: &JointMotion<J>, room: f64, elapsed: f64, sign: f64) -> f64 {
-        fastest_stoppable(&self.limits, &way.row, motion, room, elapsed, sign)
+    fn fastest(&self, way: &Way<J>, motion: &JointMotion<J>, elapsed: f64, side: Side) -> f64 {
+        fastest_stoppable(&self.limits, &way.row, motion, side.of(way.room), elapsed, side.sign())
     }
 }
 
@@ -273,7 +301,8 @@ mod tests {
                         let motion =
                             JointMotion { qd: [sign * now / ROW[0], 0.0], ..JointMotion::at_rest([0.0; 2]) };
                         let way = Way { row: ROW, bent: 0.0, room: [room, room] };
-                        let v = envelope.fastest(&way, &motion, room, elapsed, sign);
+                        let side = if sign < 0.0 { Side::Below } else { Side::Above };
+                        let v = envelope.fastest(&way, &motion, elapsed, side);
                         let far = farthest_m(v, now, elapsed);
                         assert!(far <= room * 1.002 + 2e-6, "{v} m/s from {now}: {far} of {room} m");
                         let far = farthest_m(1.01 * v + 1e-4, now, elapsed);
@@ -288,12 +317,13 @@ mod tests {
     fn without_jerk_limits_the_way_is_that_of_even_braking() {
         let (envelope, still) = (envelope(None), JointMotion::at_rest([0.0; 2]));
         for room in [1e-4, 0.003, 0.1] {
-            let way = Way { row: ROW, bent: 0.0, room: [room, room] };
-            let v = envelope.fastest(&way, &still, room, 0.008, 1.0);
+            let fastest = |room: f64| {
+                let way = Way { row: ROW, bent: 0.0, room: [0.0, room] };
+                envelope.fastest(&way, &still, 0.008, Side::Above)
+            };
+            let v = fastest(room);
             assert!((v * 0.008 + v * v / (2.0 * BRAKING) - room).abs() < 1e-12, "{v} m/s in {room} m");
-            assert_eq!(envelope.fastest(&way, &still, 0.0, 0.008, 1.0), 0.0);
-            assert_eq!(envelope.fastest(&way, &still, -room, 0.008, 1.0), 0.0);
-            assert_eq!(envelope.fastest(&way, &still, f64::INFINITY, 0.008, 1.0), f64::INFINITY);
+            assert_eq!([0.0, -room, f64::INFINITY].map(fastest), [0.0, 0.0, f64::INFINITY]);
         }
     }
 }

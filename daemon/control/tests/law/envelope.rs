@@ -2,16 +2,18 @@
 //! a latched stop with its reason where it cannot be kept.
 
 use crate::support::{Bench, HOME, PERIOD_NS, settings};
-use foretrace_control::arm::JointMotion;
+use foretrace_control::arm::{JointLimits, JointMotion};
 use foretrace_control::envelope::{Envelope, EnvelopeFigures, EnvelopeSettings};
 use foretrace_control::extent::{Extent, ExtentBounds};
 use foretrace_control::follower::{Budget, FollowerSettings, JointCommand, Mode, Refusal, Request};
 use foretrace_control::guard::{Commanded, consumer_state};
 use foretrace_control::ik::{ToolTarget, solve_pose};
+use foretrace_control::mpc::AxisLimits;
 use foretrace_control::predict::PredictorKind;
 use foretrace_control::stop::{StopCause, StopReason};
-use foretrace_control::units::Stamp;
 use nalgebra::{Rotation3, Vector3};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
 
 const MARGIN_M: f64 = 0.001;
 
@@ -65,14 +67,10 @@ fn leaps_stay_inside_with_joints_far_weaker_than_the_plan() {
     for acceleration in [30.0, 5.0, 0.5] {
         let mut settings = within(usual());
         let limits = settings.limits;
-        settings.limits = foretrace_control::arm::JointLimits::new(
-            *limits.position(),
-            *limits.velocity(),
-            [acceleration; 6],
-        )
-        .unwrap()
-        .with_stale_braking(limits.hold_s(), [0.5 * acceleration; 6])
-        .unwrap();
+        settings.limits = JointLimits::new(*limits.position(), *limits.velocity(), [acceleration; 6])
+            .unwrap()
+            .with_stale_braking(limits.hold_s(), [0.5 * acceleration; 6])
+            .unwrap();
         let [outside, ..] = worst(&settings);
         assert!(outside <= MARGIN_M, "{acceleration} rad/s²: {outside} m");
     }
@@ -176,6 +174,20 @@ fn what_no_row_can_keep_latches_a_stop_that_says_what_was_seen() {
     }
 }
 
+/// How far outside the workspace a consumer gets that receives nothing after `command`, on its whole way \[m\].
+fn silence_leads(settings: &FollowerSettings<6>, command: &JointCommand<6>) -> f64 {
+    let JointCommand { stamp, valid_until, q, qd, .. } = *command;
+    let last = Commanded::new(stamp, JointMotion { q, qd, qdd: [0.0; 6] }).unwrap();
+    let outside = |millis: u64| {
+        let at = stamp + millis * 1_000_000;
+        let state = consumer_state(&last, valid_until, settings.limits.deceleration(), at);
+        let tool = settings.plane.point_from_base(&settings.chain.forward(&state.q).position);
+        let axes = tool.iter().zip(&settings.mpc.axes);
+        axes.map(|(at, axis)| (at - axis.position_m[1]).max(axis.position_m[0] - at)).fold(0.0, f64::max)
+    };
+    (0..=200).map(outside).fold(0.0, f64::max)
+}
+
 /// Each joint brakes by itself then, which is not straight for the tool. A loop that never lost a tick does
 /// not look at it; one that did looks at it for ten seconds.
 #[test]
@@ -189,13 +201,7 @@ fn after_a_gap_silence_leads_hardly_beyond_the_margin_from_any_command() {
         }
         let output = bench.tick(&[bench.pen(corner(tick))]);
         assert!(matches!(output.mode, Mode::Following), "{tick}: {:?}", output.stop_detail);
-        let JointCommand { stamp, valid_until, q, qd, .. } = output.command.unwrap();
-        let command = Commanded::new(stamp, JointMotion { q, qd, qdd: [0.0; 6] }).unwrap();
-        let rest = consumer_state(&command, valid_until, settings.limits.deceleration(), Stamp(u64::MAX / 2));
-        let tool = settings.plane.point_from_base(&settings.chain.forward(&rest.q).position);
-        let axes = tool.iter().zip(&settings.mpc.axes);
-        let outside =
-            axes.map(|(at, axis)| (at - axis.position_m[1]).max(axis.position_m[0] - at)).fold(0.0, f64::max);
+        let outside = silence_leads(&settings, &output.command.unwrap());
         // Twenty ticks to slow down in.
         match tick {
             0..2000 => before = before.max(outside),
@@ -207,6 +213,43 @@ fn after_a_gap_silence_leads_hardly_beyond_the_margin_from_any_command() {
     println!("{:.2} mm outside, {:.2} after a gap, {:.2} later", before * 1e3, after * 1e3, later * 1e3);
     assert!(before > 5.0 * MARGIN_M && later > 5.0 * MARGIN_M, "{before} and {later} m: nothing to look at");
     assert!(after <= 2.0 * MARGIN_M, "{after} m");
+}
+
+/// Touching down on the paper again and again while the machine takes every tenth tick's time away, up to
+/// 30 ms at once. Joints come to rest one after the other: the tool may be lowest on the way to its rest.
+#[test]
+fn touching_down_on_a_machine_that_loses_periods_keeps_half_of_the_margin() {
+    let mut settings = within(usual());
+    let limits = settings.limits;
+    settings.limits = JointLimits::new(*limits.position(), *limits.velocity(), [40.0; 6])
+        .unwrap()
+        .with_stale_braking(limits.hold_s(), [20.0; 6])
+        .unwrap();
+    let low_m = -0.0005;
+    settings.mpc.axes[2] = AxisLimits {
+        jerk_mps3: 16_000.0,
+        acceleration_mps2: 36.0,
+        velocity_mps: 0.8,
+        position_m: [low_m, 0.05],
+    };
+    for seed in 0..10 {
+        let mut rng = Pcg64::seed_from_u64(seed);
+        let mut bench = Bench::armed(settings.clone());
+        let mut lowest = f64::INFINITY;
+        for tick in 0..10_000_u64 {
+            let t = bench.now.0 as f64 * 1e-9;
+            let mut pen = bench.pen([0.02 * (9.0 * t).sin(), 0.015 * (14.0 * t).cos()]);
+            pen.contact = tick / 60 % 2 == 0;
+            let output = bench.tick(&[pen]);
+            assert_eq!(output.stop_reason, StopReason::None, "{seed}, {tick}: {:?}", output.stop_detail);
+            lowest = lowest.min(output.tool[2]);
+            if rng.random_bool(0.1) {
+                let late = rng.random_range(1e-9_f64..1.0).powf(-0.415).min(15.0);
+                bench.now = bench.now + late.floor() as u64 * PERIOD_NS;
+            }
+        }
+        assert!(lowest > low_m - 0.5 * MARGIN_M, "{seed}: {:.2} mm", lowest * 1e3);
+    }
 }
 
 #[test]

@@ -290,8 +290,10 @@ impl Scene {
             arm.end();
             let report = json(&self.world.file(&format!("arm-{}.json", self.arms)));
             assert_eq!(report["commands"]["limit_violations"], 0, "{report}");
-            let jumps = report["commands"]["refused"]["jump"].as_u64().expect("a count");
+            let count = |key: &str| report.pointer(key).and_then(Value::as_u64).expect("a count");
+            let jumps = count("/commands/refused/jump");
             assert!(jumps <= self.arm_held_up * JointCommand::QOS.buffer as u64, "{report}");
+            assert!(jumps == 0 || count("/commands/lost") > 0, "{report}");
         }
         std::thread::sleep(Duration::from_millis(100));
         let report = self.recorder.take().expect("a recorder").finish();
