@@ -174,7 +174,8 @@ fn what_no_row_can_keep_latches_a_stop_that_says_what_was_seen() {
     }
 }
 
-/// How far outside the workspace a consumer gets that receives nothing after `command`, on its whole way \[m\].
+/// How far outside the workspace a consumer gets on its way to rest that receives nothing after `command`
+/// \[m\].
 fn silence_leads(settings: &FollowerSettings<6>, command: &JointCommand<6>) -> f64 {
     let JointCommand { stamp, valid_until, q, qd, .. } = *command;
     let last = Commanded::new(stamp, JointMotion { q, qd, qdd: [0.0; 6] }).unwrap();
