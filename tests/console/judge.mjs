@@ -151,6 +151,31 @@ async function relinked(page) {
   await until("the control asked for", () => is("mine"), 10);
 }
 
+// A stop that finds no link goes with the next one; after five seconds no more, when it may stop another run.
+async function owed(page) {
+  const is = (name) => page.evaluate((name) => globalThis.foretrace[name], name);
+  const mode = async () => JSON.parse((await run("status", "--json=-")).out).mode;
+  const said = (words) => page.evaluate((words) => document.getElementById("answers").textContent.includes(words), words);
+  const unlinked = async () => {
+    await awake();
+    await page.evaluate(() => { document.getElementById("answers").replaceChildren(); globalThis.foretrace.drop(); });
+    await until("the broken link", async () => !await is("linked"), 10);
+    await page.keyboard.press("Escape");
+    check("a stop without a link is not called sent", await said("Stop could not be sent"));
+  };
+  await unlinked();
+  await until("the stop behind a new link", async () => await mode() === "stopped", 10);
+  check("a stop that found no link goes with the next one", await said("is sent now"));
+  await page.context().setOffline(true);
+  await unlinked();
+  await pause(5500);
+  check("no link came meanwhile", !await is("linked"));
+  await page.context().setOffline(false);
+  await until("a new link", () => is("linked"), 15);
+  await pause(1000);
+  check("a stop of more than five seconds ago is not sent", !await said("is sent now") && await mode() !== "stopped", await mode());
+}
+
 // Shows a path of the preview and then none: whether the pad has its colour at two places of it and beside it, and how
 // many ends of lines the arm's picture has of it.
 function previewed() {
@@ -456,6 +481,7 @@ async function judge(browser) {
   check("a page without token can stop the arm", true);
   await page.mouse.up();
   await relinked(page);
+  await owed(page);
   await page.click("#control");
   await until("the control given back", () => page.evaluate(() => !globalThis.foretrace.mine), 10);
   await phone(tools, browser, address);

@@ -12,6 +12,9 @@ use std::time::{Duration, Instant};
 /// The dashboard's port.
 pub const PORT: u16 = 29999;
 
+/// The end of the version of a `foretrace ur-sim`, and of no other controller.
+pub(crate) const SIMULATED: &str = "(simulated)";
+
 /// Longest line that is read.
 const LONGEST_LINE: usize = 1024;
 

@@ -318,6 +318,9 @@ impl Bridge {
             if self.without_dead_man {
                 state.line.flags |= arm_flags::WITHOUT_DEAD_MAN;
             }
+            if self.link.is_simulated() {
+                state.line.flags |= arm_flags::SIMULATED;
+            }
             state.commands_refused =
                 state.commands_refused.saturating_add(ports.commands.rejections().total());
             if !ports.states.publish(stamp_ns, state).unwrap_or(false) {

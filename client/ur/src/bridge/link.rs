@@ -12,6 +12,7 @@ use serde::Serialize;
 use super::address::Addresses;
 use super::line::{self, Line};
 use super::pilot::{Counts, Floor, Pilot};
+use super::probe::is_simulated;
 use super::program::Program;
 use super::reaction::Phase;
 use super::reason::Reason;
@@ -44,6 +45,8 @@ pub struct Link {
     program: Program,
     pilot: Pilot,
     line: Option<Line>,
+    /// What is behind the connection says that it is a simulator on this machine.
+    simulated: bool,
     remote: Option<RemoteWatch>,
     upload: Option<Upload>,
     heard: Instant,
@@ -123,6 +126,7 @@ impl Link {
             program,
             pilot,
             line: None,
+            simulated: false,
             remote,
             upload: None,
             heard: now,
@@ -221,6 +225,12 @@ impl Link {
         self.pilot.machine().reason()
     }
 
+    /// The controller says that it is a simulator on this machine: nothing real moves.
+    #[must_use]
+    pub const fn is_simulated(&self) -> bool {
+        self.simulated
+    }
+
     /// Share of the full speed that the controller moves at, by its slider and its own limits.
     #[must_use]
     pub const fn speed(&self) -> f64 {
@@ -286,6 +296,7 @@ impl Link {
             Ok(line) => match (self.inspect)(&self.addresses) {
                 Ok(floor) => {
                     self.line = Some(line);
+                    self.simulated = is_simulated(&self.addresses);
                     self.connections += 1;
                     (self.heard, self.silent_turns, self.detail) = (Instant::now(), 0, None);
                     self.pilot.set_floor(floor);
@@ -301,7 +312,7 @@ impl Link {
     }
 
     fn lose(&mut self, reason: Reason, detail: Option<String>) {
-        self.line = None;
+        (self.line, self.simulated) = (None, false);
         self.upload = None;
         self.next_attempt = Instant::now() + AGAIN;
         self.pilot.disconnected(reason);

@@ -15,6 +15,7 @@ use super::line;
 use super::measures;
 use super::pilot::Floor;
 use super::reason::Reason;
+use crate::dashboard::{Dashboard, SIMULATED};
 use crate::rtde::{Client, RtdeError, Value};
 
 /// Longest wait for a step.
@@ -174,6 +175,14 @@ pub fn inspect(addresses: &Addresses, config: &Config) -> Result<Option<Floor>, 
             Err((Reason::DoesNotFit, words.join("; ")))
         }
     }
+}
+
+/// Whether the controller at `addresses` is a simulator on this machine that says so (`foretrace ur-sim`): no
+/// version of a real one, or of the manufacturer's own simulator, ends in these words.
+#[must_use]
+pub fn is_simulated(addresses: &Addresses) -> bool {
+    let version = || Dashboard::connect(addresses.dashboard, PATIENCE)?.ask("PolyscopeVersion");
+    addresses.ip().is_loopback() && version().is_ok_and(|version| version.ends_with(SIMULATED))
 }
 
 /// How far the tip of an arm with kinematics `dh` is from where the model of `config` believes it, over the

@@ -4,7 +4,8 @@ mod scene;
 mod sockets;
 mod world;
 
-use std::net::TcpListener;
+use std::io::{Read, Write};
+use std::net::{SocketAddr, TcpListener};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -17,7 +18,7 @@ use super::fake::Fake;
 use super::line;
 use super::link::{Link, Measured};
 use super::pilot::Pilot;
-use super::probe::{inspect, probe};
+use super::probe::{inspect, is_simulated, probe};
 use super::program::Program;
 use super::reaction::Phase;
 use super::reason::Reason;
@@ -215,6 +216,36 @@ fn registers_of_somebody_else_are_told_and_waited_for() {
     assert!(detail.unwrap().contains("input_double_register_30"));
     scene.fake.with(|state| state.in_use.clear());
     scene.ready();
+}
+
+/// A dashboard that answers every command with `version`, once.
+fn dashboard(version: &'static str) -> SocketAddr {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap();
+    std::thread::spawn(move || {
+        let (mut stream, _) = listener.accept().unwrap();
+        stream.write_all(b"Connected: Universal Robots Dashboard Server\n").unwrap();
+        let mut asked = [0; 64];
+        let _ = stream.read(&mut asked);
+        let _ = stream.write_all(format!("{version}\n").as_bytes());
+    });
+    address
+}
+
+#[test]
+fn only_a_controller_of_this_machine_that_says_so_is_simulated() {
+    let fake = fake();
+    let of = |dashboard| is_simulated(&Addresses { dashboard, ..addresses(&fake) });
+    assert!(of(dashboard("URSoftware 5.11.1.108318 (simulated)")));
+    assert!(!of(dashboard("URSoftware 5.11.1.108318 (Mar 02 2021)")));
+    assert!(!of(dashboard("(simulated) 5.11")));
+    assert!(!is_simulated(&addresses(&fake)), "no dashboard");
+    let elsewhere = SocketAddr::from(([192, 0, 2, 1], 30004));
+    let there = Addresses { rtde: elsewhere, dashboard: dashboard("5.11 (simulated)"), ..addresses(&fake) };
+    assert!(!is_simulated(&there), "of another machine");
+    let mut scene = Scene::new();
+    scene.ready();
+    assert!(!scene.link.is_simulated());
 }
 
 #[test]

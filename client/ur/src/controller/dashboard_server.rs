@@ -6,6 +6,7 @@
 use super::options::Series;
 use super::safety::RobotMode;
 use super::world::{Runtime, World};
+use crate::dashboard::SIMULATED;
 
 /// The first line of a connection.
 pub const GREETING: &str = "Connected: Universal Robots Dashboard Server";
@@ -64,7 +65,7 @@ pub fn answer(world: &mut World, command: &str) -> Answer {
         "get loaded program" if world.program_name().is_empty() => "No program loaded".to_owned(),
         "get loaded program" => format!("Loaded program: /programs/{name}"),
         "isProgramSaved" => format!("true {name}"),
-        "PolyscopeVersion" => format!("URSoftware {version} (simulated)"),
+        "PolyscopeVersion" => format!("URSoftware {version} {SIMULATED}"),
         "version" => version.to_string(),
         "get robot model" => series.model().to_owned(),
         "get serial number" if since(5, 6) => "20201234567".to_owned(),
