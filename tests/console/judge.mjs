@@ -197,7 +197,7 @@ function previewed() {
   return [...show([-0.02, 0.045, 0.004], path), "|", ...show(null, [])];
 }
 
-const tools = { check, until, pause, open, start, end, draw, more: MORE_PICTURES };
+const tools = { check, until, pause, open, start, end, draw, pictures: PICTURES, more: MORE_PICTURES };
 const circle = (share) => [0.03 * Math.cos(2 * Math.PI * share), 0.03 * Math.sin(2 * Math.PI * share)];
 
 // Pictures of a loop that follows the built-in writer, as the documents show them, while the machine lets it be.
@@ -395,6 +395,7 @@ async function judge(browser) {
   check("a second page does not get the control", !(await second.evaluate(() => globalThis.foretrace.mine)));
   await second.context().close();
 
+  await owed(page);
   await awake();
   await page.bringToFront();
   await page.waitForFunction(() => globalThis.foretrace.mine);
@@ -481,7 +482,6 @@ async function judge(browser) {
   check("a page without token can stop the arm", true);
   await page.mouse.up();
   await relinked(page);
-  await owed(page);
   await page.click("#control");
   await until("the control given back", () => page.evaluate(() => !globalThis.foretrace.mine), 10);
   await phone(tools, browser, address);

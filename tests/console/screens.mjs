@@ -1,5 +1,7 @@
 // What fits on three sizes of screens, light and dark, running and stopped; and a phone in two hands.
 
+import { writeFileSync } from "node:fs";
+
 const SIZES = [[390, 844], [1366, 768], [1920, 1080]];
 const PHONE = 700;
 
@@ -50,8 +52,10 @@ function flaws() {
   return [...new Set(found)];
 }
 
-// All sizes that belong to this kind of page, light and dark.
-async function sizes({ check, pause, more }, page, sizes, what) {
+// All sizes that belong to this kind of page, light and dark. Those of a loop that runs are pictures for the documents.
+async function sizes({ check, pause, pictures, more, runs = async () => {} }, page, sizes, what) {
+  const running = async () => what === "running" && ["armed", "following", "holding"].includes(
+    await page.evaluate(() => document.getElementById("mode").textContent));
   for (const [width, height] of sizes) {
     for (const scheme of ["light", "dark"]) {
       // A screen that is made anew forgets the fingers on it.
@@ -60,7 +64,11 @@ async function sizes({ check, pause, more }, page, sizes, what) {
       await page.emulateMedia({ colorScheme: scheme });
       await page.evaluate(() => scrollTo(0, 0));
       await pause(600);
-      await page.screenshot({ path: `${more}/console-${width}x${height}-${what}-${scheme}.png` });
+      await runs();
+      const before = await running();
+      const picture = await page.screenshot();
+      const folder = before && await running() ? pictures : more;
+      writeFileSync(`${folder}/console-${width}x${height}-${what}-${scheme}.png`, picture);
       if (width <= PHONE && what === "stopped") await page.screenshot({ path: `${more}/console-${width}x${height}-${what}-${scheme}-whole.png`, fullPage: true });
       const found = await page.evaluate(flaws);
       check(`${what} at ${width} by ${height}, ${scheme}: everything is whole and at hand`, found.length === 0, found.join("; "));
@@ -82,7 +90,7 @@ export async function spoiled({ check }, page, rules) {
 }
 
 // One finger holds, another one arms, draws and stops; `address` lets it control.
-export async function phone({ check, until, pause, open, more }, browser, address) {
+export async function phone({ check, until, pause, open, pictures, more }, browser, address) {
   const page = await open(browser, address, { viewport: { width: 390, height: 844 }, hasTouch: true, isMobile: true });
   await until("a phone that controls", () => page.evaluate(() => globalThis.foretrace.mine
     && globalThis.foretrace.clock.uncertaintyMs !== null), 30);
@@ -106,8 +114,8 @@ export async function phone({ check, until, pause, open, more }, browser, addres
 
   await touch("touchStart", thumb);
   await until("the held button", held, 10);
-  await until("arming by the second finger", async () => {
-    // A busy machine stops the loop again.
+  // A busy machine stops the loop again.
+  const runs = () => until("arming by the second finger", async () => {
     if (["armed", "following", "holding"].includes(await mode())) return true;
     await tap(at.disarm);
     await pause(500);
@@ -115,6 +123,7 @@ export async function phone({ check, until, pause, open, more }, browser, addres
     await pause(1500);
     return false;
   }, 60);
+  await runs();
   check("one finger holds to run while another arms", await held());
   const before = await page.evaluate(() => { globalThis.foretrace.pad.clear(); return globalThis.foretrace.pad.sent; });
   let always = true;
@@ -127,10 +136,21 @@ export async function phone({ check, until, pause, open, more }, browser, addres
   const drawn = await page.evaluate(() => ({ sent: globalThis.foretrace.pad.sent,
     ink: globalThis.foretrace.pad.ink.filter(([, , contact]) => contact).length }));
   check("while another draws", always && await held() && drawn.sent - before >= 30 && drawn.ink > 20, `${drawn.sent - before} samples`);
-  await sizes({ check, pause, more }, page, SIZES.filter(([width]) => width <= PHONE), "running");
   await touch("touchEnd", finger(at.pad));
   await pause(200);
   check("and holds on when that one is lifted", await held());
+  const stroke = async () => {
+    await runs();
+    await page.evaluate(() => { globalThis.foretrace.pad.clear(); document.getElementById("answers").replaceChildren(); });
+    for (let step = 0; step <= 40; step += 1) {
+      const place = { x: at.pad.x - 80 + 4 * step, y: at.pad.y - 30 * Math.sin(step / 6) };
+      await touch(step === 0 ? "touchStart" : "touchMove", thumb, finger(place));
+      await pause(15);
+    }
+    await touch("touchEnd", finger(at.pad));
+  };
+  await sizes({ check, pause, pictures, more, runs: stroke }, page, SIZES.filter(([width]) => width <= PHONE), "running");
+  await runs();
   const stops = await page.evaluate(() => globalThis.foretrace.stops);
   await tap(at.stop);
   await until("the stop", async () => (await mode()) === "stopped", 20);
@@ -148,7 +168,7 @@ export async function phone({ check, until, pause, open, more }, browser, addres
   await touch("touchEnd", finger(at.pad));
   check("the finger that draws may come first", true);
   await until("a stop at the pad", () => page.evaluate(() => document.querySelector('#standing[data-kind="stopped"]')?.checkVisibility()), 20);
-  await sizes({ check, pause, more }, page, SIZES.filter(([width]) => width <= PHONE), "stopped");
+  await sizes({ check, pause, pictures, more }, page, SIZES.filter(([width]) => width <= PHONE), "stopped");
   await spoiled({ check }, page, ["dd { width: 2.5ch; word-break: break-all }", "#clear { min-height: 0; height: 30px }", ".told { height: 4px }",
     "main { width: 120vw }", "section.pad { height: 900px }", "#standing { margin-top: 60vh }"]);
   check("the phone reports no error of its own", page.faults.length === 0, page.faults.join("; "));
