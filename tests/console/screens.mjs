@@ -1,7 +1,5 @@
 // What fits on three sizes of screens, light and dark, running and stopped; and a phone in two hands.
 
-import { writeFileSync } from "node:fs";
-
 const SIZES = [[390, 844], [1366, 768], [1920, 1080]];
 const PHONE = 700;
 
@@ -52,10 +50,8 @@ function flaws() {
   return [...new Set(found)];
 }
 
-// All sizes that belong to this kind of page, light and dark. Those of a loop that runs are pictures for the documents.
+// All sizes that belong to this kind of page, light and dark. Those of a stopped arm on a phone are pictures for the documents.
 async function sizes({ check, pause, pictures, more, runs = async () => {} }, page, sizes, what) {
-  const running = async () => what === "running" && ["armed", "following", "holding"].includes(
-    await page.evaluate(() => document.getElementById("mode").textContent));
   for (const [width, height] of sizes) {
     for (const scheme of ["light", "dark"]) {
       // A screen that is made anew forgets the fingers on it.
@@ -65,11 +61,9 @@ async function sizes({ check, pause, pictures, more, runs = async () => {} }, pa
       await page.evaluate(() => scrollTo(0, 0));
       await pause(600);
       await runs();
-      const before = await running();
-      const picture = await page.screenshot();
-      const folder = before && await running() ? pictures : more;
-      writeFileSync(`${folder}/console-${width}x${height}-${what}-${scheme}.png`, picture);
-      if (width <= PHONE && what === "stopped") await page.screenshot({ path: `${more}/console-${width}x${height}-${what}-${scheme}-whole.png`, fullPage: true });
+      const phone = width <= PHONE && what === "stopped";
+      await page.screenshot({ path: phone ? `${pictures}/console-phone-${scheme}.png` : `${more}/console-${width}x${height}-${what}-${scheme}.png` });
+      if (phone) await page.screenshot({ path: `${more}/console-${width}x${height}-${what}-${scheme}-whole.png`, fullPage: true });
       const found = await page.evaluate(flaws);
       check(`${what} at ${width} by ${height}, ${scheme}: everything is whole and at hand`, found.length === 0, found.join("; "));
     }

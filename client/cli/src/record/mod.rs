@@ -10,6 +10,7 @@ use foretrace_record::RecordError;
 use foretrace_record::info::{Info, info};
 use foretrace_record::read::Reader;
 use foretrace_record::repair::repair;
+use foretrace_record::write::part_of;
 use serde::Serialize;
 
 use crate::attach::unattached;
@@ -90,8 +91,23 @@ pub(crate) fn unrecorded(error: RecordError) -> Failure {
         | RecordError::Thread(_)
         | RecordError::NoPlace { .. }
         | RecordError::NoRelay { .. } => Failure::failed(error, ""),
+        RecordError::Read { ref path, .. } => {
+            let remedy = unfinished(path);
+            Failure::bad_input(error, remedy)
+        }
         other => Failure::bad_input(other, ""),
     }
+}
+
+/// What to do where `file` is missing and its part is there: its recorder is at work, or did not come to its
+/// end.
+fn unfinished(file: &Path) -> String {
+    let part = part_of(file);
+    if file.exists() || !part.exists() {
+        return String::new();
+    }
+    let part = part.display();
+    format!("{part} is there: end its recorder, or mend it with `foretrace record --repair {part}`")
 }
 
 /// An error if there is `damage`: what was made is of the part before it.
@@ -168,6 +184,19 @@ pub(crate) fn bytes(text: &str) -> Result<u64, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_recording_that_is_missing_beside_its_part_is_told_with_what_to_do() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("run.mcap");
+        let missing = || std::io::Error::from(std::io::ErrorKind::NotFound);
+        let told = || unrecorded(RecordError::Read { path: file.clone(), source: missing() }).to_string();
+        assert!(!told().contains("--repair"), "{}", told());
+        std::fs::write(folder.path().join("run.mcap.part"), "").unwrap();
+        assert!(told().contains("run.mcap.part is there") && told().contains("--repair"), "{}", told());
+        std::fs::write(&file, "").unwrap();
+        assert!(!told().contains("--repair"), "{}", told());
+    }
 
     #[test]
     fn sizes_are_read_with_their_units_and_bounded() {
