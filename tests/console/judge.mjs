@@ -2,7 +2,7 @@
 
 import { spawn } from "node:child_process";
 import { once } from "node:events";
-import { readFileSync, writeFileSync } from "node:fs";
+import { readFileSync } from "node:fs";
 import { createInterface } from "node:readline";
 import { chromium } from "playwright-core";
 import { clutch, finger, lan, mouse, strangers } from "./others.mjs";
@@ -204,7 +204,6 @@ const circle = (share) => [0.03 * Math.cos(2 * Math.PI * share), 0.03 * Math.sin
 async function pictures(page) {
   const looks = () => page.evaluate(() => ({ mode: document.getElementById("mode").textContent,
     overruns: Number(/(\d+) overruns/.exec(document.getElementById("figures").textContent)?.[1] ?? 0) }));
-  const wanted = {};
   let parts = null;
   for (let tries = 0; tries < 8 && !parts; tries += 1) {
     await awake();
@@ -216,11 +215,6 @@ async function pictures(page) {
     await page.evaluate(() => globalThis.foretrace.pad.clear());
     await pause(3000);
     const before = await looks();
-    wanted.light = await page.screenshot();
-    await page.emulateMedia({ colorScheme: "dark" });
-    await pause(400);
-    wanted.dark = await page.screenshot();
-    await page.emulateMedia({ colorScheme: "light" });
     await page.setViewportSize({ width: 1100, height: 900 });
     await page.click('[data-view="follow"]');
     await pause(1200);
@@ -232,7 +226,6 @@ async function pictures(page) {
     await pause(3000);
     if (before.mode === "following" && after.mode === "following" && after.overruns - before.overruns < 20) parts = seen;
   }
-  if (parts) for (const scheme of ["light", "dark"]) writeFileSync(`${PICTURES}/console-${scheme}.png`, wanted[scheme]);
   for (const [width, height] of [[1280, 720], [800, 1280]]) {
     for (const scheme of ["light", "dark"]) {
       await page.setViewportSize({ width, height });
@@ -378,7 +371,13 @@ async function judge(browser) {
   await page.click('[data-ask=\'{"trust_auto":true}\']');
   await names(tools, page);
   await barrel(tools, page);
+  // The graph forgets what was judged before: it shows the last 20 s.
+  await pause(12000);
   await awake();
+  await page.fill("#text", "foretrace");
+  await page.click("#write button");
+  await page.evaluate(() => globalThis.foretrace.pad.clear());
+  await pause(10000);
   await desktops(tools, page, "running");
   await page.setViewportSize({ width: 1280, height: 720 });
   await strangers(tools, browser, address, page);

@@ -50,7 +50,10 @@ function flaws() {
   return [...new Set(found)];
 }
 
-// All sizes that belong to this kind of page, light and dark. Those of a stopped arm on a phone are pictures for the documents.
+// Pictures for the documents: of an arm that follows on a screen, of a stopped one on a phone.
+const DOCUMENTS = { "1366-running": "console", "1920-running": "console-wide", "390-stopped": "console-phone" };
+
+// All sizes that belong to this kind of page, light and dark.
 async function sizes({ check, pause, pictures, more, runs = async () => {} }, page, sizes, what) {
   for (const [width, height] of sizes) {
     for (const scheme of ["light", "dark"]) {
@@ -61,9 +64,11 @@ async function sizes({ check, pause, pictures, more, runs = async () => {} }, pa
       await page.evaluate(() => scrollTo(0, 0));
       await pause(600);
       await runs();
-      const phone = width <= PHONE && what === "stopped";
-      await page.screenshot({ path: phone ? `${pictures}/console-phone-${scheme}.png` : `${more}/console-${width}x${height}-${what}-${scheme}.png` });
-      if (phone) await page.screenshot({ path: `${more}/console-${width}x${height}-${what}-${scheme}-whole.png`, fullPage: true });
+      const name = DOCUMENTS[`${width}-${what}`];
+      const mode = await page.evaluate(() => document.getElementById("mode").textContent);
+      const shown = name && (mode === "stopped") === (what === "stopped");
+      await page.screenshot({ path: shown ? `${pictures}/${name}-${scheme}.png` : `${more}/console-${width}x${height}-${what}-${scheme}.png` });
+      if (width <= PHONE && what === "stopped") await page.screenshot({ path: `${more}/console-${width}x${height}-${what}-${scheme}-whole.png`, fullPage: true });
       const found = await page.evaluate(flaws);
       check(`${what} at ${width} by ${height}, ${scheme}: everything is whole and at hand`, found.length === 0, found.join("; "));
     }
