@@ -152,9 +152,13 @@ mod tests {
     use super::*;
 
     /// Made by `tests/console/judge.sh`, with a browser.
-    const OF_THE_CONSOLE: [&str; 6] = [
+    const OF_THE_CONSOLE: [&str; 10] = [
         "console-light.png",
         "console-dark.png",
+        "console-wide-light.png",
+        "console-wide-dark.png",
+        "console-phone-light.png",
+        "console-phone-dark.png",
         "console-strip.png",
         "pad-mouse.png",
         "pad-pen.png",
