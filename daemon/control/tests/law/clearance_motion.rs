@@ -6,7 +6,9 @@ use crate::support::reaching;
 use reaching::*;
 
 use foretrace_control::clearance::{Clearance, ClearanceSettings, Obstacle};
-use foretrace_control::ik::{IkSettings, IkSource, ToolTarget};
+use foretrace_control::guard::{Commanded, Guard};
+use foretrace_control::ik::{Ik, IkSettings, IkSource, ToolTarget};
+use foretrace_control::units::Stamp;
 use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -27,7 +29,7 @@ fn arm<'a>(
     let mut arm = Arm::new(chain, home, 40.0);
     let kept = Clearance::new(chain, &limits(chain, 40.0), TICK_S, wanted).unwrap();
     let settings = *arm.ik.settings();
-    arm.ik = foretrace_control::ik::Ik::new(limits(chain, 40.0), settings).keeping_clear(kept);
+    arm.ik = Ik::new(limits(chain, 40.0), settings).keeping_clear(kept);
     arm
 }
 
@@ -80,6 +82,66 @@ fn random_motion_into_everything_never_comes_nearer_than_stated() {
     );
     assert!(held > 20_000 && travelled > 100.0, "{held} {travelled}");
     assert_eq!(braked, 0, "a certified answer in every tick");
+}
+
+/// Smallest distance of each of 1200 motions at the joints' own limits, towards targets anywhere, in a loop
+/// of `period_s` \[m\].
+fn anywhere(period_s: f64, jerk: Option<f64>) -> Vec<f64> {
+    let chain = chain(UR5);
+    let plain = limits(&chain, 40.0).with_stale_braking(5.0 * period_s, [20.0; 6]).unwrap();
+    let limits = jerk.map_or(plain, |jerk| plain.with_jerk([jerk; 6]).unwrap());
+    let everything = settings(
+        true,
+        vec![
+            wall([0.0; 3], [0.0, 0.0, 1.0]),
+            Obstacle::cuboid([-0.55, 0.2, 0.1], [0.2, 0.2, 0.3], [0.0, 0.2, 0.5]).unwrap(),
+        ],
+    );
+    let kept = Clearance::new(&chain, &limits, period_s, &everything).unwrap();
+    let (judge, guard) = (kept.clone(), Guard::new(limits));
+    let mut ik = Ik::new(limits, IkSettings::for_period(period_s, UR5_HOME)).keeping_clear(kept);
+    let period_ns = (period_s * 1e9) as u64;
+    let mut last = Commanded::at_rest(Stamp(period_ns), UR5_HOME).unwrap();
+    let mut rng = Pcg64::seed_from_u64(20);
+    let mut motion = |_| {
+        let mut around = |size: f64| Vector3::from_fn(|_, _| rng.random_range(-size..size));
+        let (position, axis, velocity) = (around(0.9), around(1.0).normalize(), around(1.5));
+        let target = ToolTarget { velocity, ..ToolTarget::at_rest(position, axis, None) };
+        let mut nearest = f64::INFINITY;
+        for _ in 0..rng.random_range(5..(0.6 / period_s) as u32) {
+            let step = ik.step(&chain.forward(last.q()), last.motion(), &target, period_s);
+            let q = std::array::from_fn(|joint| last.q()[joint] + step.qd[joint] * period_s);
+            last = guard.clamp(&last, &q, last.stamp() + period_ns).command;
+            nearest = nearest.min(judge.nearest(&chain.forward(last.q())).unwrap().distance_m);
+        }
+        nearest
+    };
+    (0..1200).map(&mut motion).collect()
+}
+
+/// Rows are of the first order, and do not know that a jerk delays braking: what that costs in loops of each
+/// rate, and with joints that limit their jerk.
+#[test]
+fn what_slow_loops_and_limits_of_jerk_take_of_the_margin() {
+    for (period_s, jerk, kept_m, touching) in [
+        (0.002, None, 0.8 * MARGIN_M, 0.0),
+        (0.004, None, 0.8 * MARGIN_M, 0.0),
+        (0.008, None, f64::NEG_INFINITY, 0.005),
+        (0.002, Some(1500.0), f64::NEG_INFINITY, 0.005),
+    ] {
+        let nearest = anywhere(period_s, jerk);
+        let smallest = nearest.iter().copied().fold(f64::INFINITY, f64::min);
+        let share = |below: f64| {
+            nearest.iter().filter(|distance| **distance < below).count() as f64 / nearest.len() as f64
+        };
+        println!(
+            "{period_s} s, jerk {jerk:?}: at least {:.1} mm; {:.2} % below half of the margin, {:.2} % touching",
+            smallest * 1e3,
+            100.0 * share(0.5 * MARGIN_M),
+            100.0 * share(0.0)
+        );
+        assert!(smallest > kept_m && share(0.0) <= touching, "{period_s} s, jerk {jerk:?}: {smallest} m");
+    }
 }
 
 /// Pressed against a wall while commanded along it: the tool keeps moving along.
