@@ -37,8 +37,11 @@ def has_rights():
 
 
 def demo(foretrace):
-    run = subprocess.run([foretrace, "demo", "--seconds", "6"], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-                         timeout=PATIENCE_S, check=False)
+    try:
+        run = subprocess.run([foretrace, "demo", "--seconds", "6"], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+                             timeout=PATIENCE_S, check=False)
+    except subprocess.TimeoutExpired as late:
+        return False, f"{late}: {late.output}"
     return run.returncode == 0, run.stdout
 
 
@@ -49,13 +52,14 @@ def mode(foretrace, root):
 
 
 def console(foretrace):
-    words = open("console.txt", "w+", encoding="utf-8")
-    process = subprocess.Popen([foretrace, "console", "--sim", "--port=0"], stdout=words, stderr=words)
+    with open("console.txt", "w", encoding="utf-8") as words:
+        process = subprocess.Popen([foretrace, "console", "--sim", "--port=0"], stdout=words, stderr=words)
     try:
         told, begin, armed = "", time.monotonic(), None
         while time.monotonic() - begin < PATIENCE_S and (armed is None or time.monotonic() - armed < ARMED_S):
             time.sleep(0.5)
-            told = open("console.txt", encoding="utf-8").read()
+            with open("console.txt", encoding="utf-8") as file:
+                told = file.read()
             root = re.search(r"tablet --root (\S+)", told)
             if process.poll() is not None:
                 return False, told
@@ -70,7 +74,6 @@ def console(foretrace):
     finally:
         process.send_signal(signal.SIGINT)
         process.wait(timeout=PATIENCE_S)
-        words.close()
 
 
 def main():

@@ -3,6 +3,7 @@
 //! Contract: moves only an arm at rest that has no command in force, as free-drive of a real one does; keeps
 //! the tool's direction, and the joints inside their limits. What cannot be reached is said, and not tried.
 
+use std::collections::VecDeque;
 use std::time::Duration;
 
 use foretrace_control::arm::{Chain, JointLimits};
@@ -18,6 +19,9 @@ use crate::terminal::Keys;
 const STEPS_M: [f64; 3] = [1e-4, 1e-3, 1e-2];
 /// A joint that turns further in one step is on its way to another posture \[rad\].
 const FURTHEST_RAD: f64 = 0.3;
+/// Keys that are followed in one cycle of the arm: the rest waits, because a pasted text must not take the
+/// cycles' time.
+const AT_ONCE: usize = 4;
 /// After so long without a key the tip's place is said.
 const PAUSE: Duration = Duration::from_millis(500);
 
@@ -52,6 +56,7 @@ impl Wish {
 /// The keys, and the arm that they move.
 pub(super) struct Guide {
     keys: Keys,
+    waiting: VecDeque<Wish>,
     chain: Chain<JOINTS>,
     limits: JointLimits<JOINTS>,
     step_m: f64,
@@ -71,14 +76,19 @@ impl Guide {
             "arm: guided by hand while it is not armed: arrows move the tip along the base's x (up, down) and y \
              (left, right), + and - along z; 1, 2 and 3 set the step to 0.1, 1 and 10 mm"
         );
-        Ok(Self { keys, chain: chain.clone(), limits: *limits, step_m: STEPS_M[1], moved: None })
+        let waiting = VecDeque::new();
+        Ok(Self { keys, waiting, chain: chain.clone(), limits: *limits, step_m: STEPS_M[1], moved: None })
     }
 
     /// Where the joints go from `rest` by what was typed until `now_ns` \[rad\]; `rest` is `None` while the
     /// arm follows commands.
     pub(super) fn look(&mut self, rest: Option<[f64; JOINTS]>, now_ns: u64) -> Option<[f64; JOINTS]> {
         let mut q = rest;
-        for wish in self.keys.typed().into_iter().filter_map(Wish::of) {
+        if self.waiting.is_empty() {
+            self.waiting.extend(self.keys.typed().into_iter().filter_map(Wish::of));
+        }
+        for _ in 0..AT_ONCE {
+            let Some(wish) = self.waiting.pop_front() else { break };
             match wish {
                 Wish::Step(step_m) => {
                     self.step_m = step_m;
