@@ -243,6 +243,9 @@ export class Arm {
   draw() {
     const { clientWidth: width, clientHeight: height } = this.canvas;
     if (!width || !height) return;
+    // Out of sight, as on a phone that shows the pad: its time belongs to the held button.
+    const { top, bottom } = this.canvas.getBoundingClientRect();
+    if (bottom <= 0 || top >= innerHeight) return;
     const ratio = Math.min(devicePixelRatio || 1, 2);
     if (this.size !== `${width} ${height} ${ratio}`) {
       this.size = `${width} ${height} ${ratio}`;
