@@ -27,8 +27,9 @@ ROOMS = {
         "proto", "topics", "scene", "write", "read", "table", "pen", "repair", "source", "relay", "record", "trace", "flight", "last_flight", "info",
         "figures", "explain", "law", "replay", "modelled", "stretch", "score", "what_if", "picture", "page", "stages", "metrics", "foxglove",
     ],
+    "client/serve/src": ["peers", "metered", "http", "guard", "websocket", "frames", "admission"],
     "client/console/src": [
-        "certificate", "wire", "guard", "http", "page", "message", "places", "board", "scene", "frame", "hold", "orders", "stops", "hand",
+        "certificate", "wire", "keys", "page", "message", "board", "scene", "frame", "hold", "orders", "stops", "hand",
         "link", "session", "server",
     ],
     "client/ur/src": ["rtde", "primary", "dashboard", "echo", "script", "bridge", "controller"],
@@ -85,11 +86,12 @@ def layers_point_downwards() -> None:
         "foretrace-config": {"foretrace-control"},
         "foretraced": {"foretrace-shm", "foretrace-config", "foretrace-control"},
         "foretrace-client": {"foretrace-shm"},
+        "foretrace-serve": {"foretrace-shm"},
         "foretrace-sim": {"foretrace-config", "foretrace-control"},
         "foretrace-tablet": {"foretrace-client"},
-        "foretrace-console": {"foretrace-client", "foretrace-config", "foretrace-control"},
+        "foretrace-console": {"foretrace-client", "foretrace-serve", "foretrace-config", "foretrace-control"},
         "foretrace-ur": {"foretrace-config", "foretrace-control", "foretrace-client", "foretrace-sim"},
-        "foretrace-record": {"foretrace-shm", "foretrace-config", "foretrace-control", "foretraced", "foretrace-client", "foretrace-sim"},
+        "foretrace-record": {"foretrace-shm", "foretrace-config", "foretrace-control", "foretraced", "foretrace-client", "foretrace-serve", "foretrace-sim"},
         "foretrace-lab": {"foretrace-config", "foretrace-control", "foretrace-sim"},
     }
     for package in json.loads(cargo("metadata", "--format-version", "1", "--no-deps"))["packages"]:

@@ -6,10 +6,10 @@ use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use foretrace_shm::gateway::{Frame, WELCOME};
 use foretrace_shm::{PenSample, Rejection, Validate};
 
 use crate::PenReading;
-use crate::gateway_frame::{Frame, WELCOME};
 
 /// The gateway answers at once; only one that hangs takes longer.
 const PATIENCE: Duration = Duration::from_secs(2);

@@ -22,9 +22,6 @@ pub use attach::*;
 mod seat;
 mod pen;
 pub use pen::*;
-pub mod gateway_frame;
-pub mod admission;
-pub mod metered;
 mod gateway;
 pub use gateway::*;
 mod arm;
@@ -36,15 +33,7 @@ pub use operate::*;
 mod stop;
 pub use stop::*;
 
-foretrace_shm::debug_is_sentence!(
-    FeedError,
-    DeadManError,
-    StopError,
-    StateError,
-    RequestError,
-    GatewayError,
-    gateway_frame::FrameError
-);
+foretrace_shm::debug_is_sentence!(FeedError, DeadManError, StopError, StateError, RequestError, GatewayError);
 
 pub use foretrace_shm::{
     ArmLag, ArmLine, ArmNote, AskError, Chain, Claimant, ControlOp, ControlResponse, ControlStatus, Counters,

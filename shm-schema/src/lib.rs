@@ -29,6 +29,7 @@ pub use wire::{
     control::{ControlRequest, ControlResponse, MESSAGE_BYTES, ORDER_AHEAD_NS},
     counters::Counters,
     flags::{arm_flags, command_flags, guard_mask, health, input_flags, missing_rights, pen_flags},
+    gateway,
     header::{Header, HeaderBounds, HeaderCheck},
     joints::{
         EFFORT_LIMIT, Enable, JOINT_POSITION_LIMIT_RAD, JOINT_VELOCITY_LIMIT_RADPS, JointCommand, JointState,

@@ -9,9 +9,10 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use foretrace_client::{PenSample, monotonic_now_ns};
+use foretrace_serve::guard::Token;
 use serde::Serialize;
 
-use crate::guard::{Keys, Said, Token};
+use crate::keys::{Keys, Verdict};
 use crate::message::{HOLD_LASTS_NS, Request};
 
 /// An order that has waited for longer is dropped \[ns\].
@@ -240,20 +241,20 @@ impl Board {
         locked(&self.keys).renew(token);
     }
 
-    /// Gives the control to page `id`; inside, the key that it has to say from here on.
+    /// Gives the control to page `id`; inside, the key that it has to present from here on.
     ///
     /// # Errors
     ///
     /// Who has it, or that the token is wrong or used; in words.
-    pub(crate) fn take_control(&self, id: u64, address: &str, said: &str) -> Result<Option<String>, Denied> {
+    pub(crate) fn take_control(&self, id: u64, address: &str, token: &str) -> Result<Option<String>, Denied> {
         let mut keys = locked(&self.keys);
-        let judged = keys.judge(said);
+        let judged = keys.judge(token);
         let refused = match judged {
-            Said::Right | Said::RightOnce => None,
-            Said::Wrong => {
+            Verdict::Opens | Verdict::OpensOnce => None,
+            Verdict::Wrong => {
                 Some(("wrong token", "the token is wrong: open the address that `foretrace console` printed"))
             }
-            Said::Used => Some((
+            Verdict::Used => Some((
                 "token used before",
                 "the token has been used, it works once: type `token` where `foretrace console` runs for another",
             )),
@@ -271,7 +272,7 @@ impl Board {
         }
         let no_key = |error| Denied { words: format!("no key can be made: {error}"), passing: false };
         let key = match judged {
-            Said::RightOnce => Some(Token::random().map_err(no_key)?),
+            Verdict::OpensOnce => Some(Token::random().map_err(no_key)?),
             _ => None,
         };
         *controller = Some((id, address.to_owned()));

@@ -7,10 +7,10 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use foretrace_client::admission::Admission;
 use foretrace_client::{
     Claimant, DeadMan, DeadManError, FeedError, Foretrace, HolderKind, PenFeed, PenReading, PenSample,
 };
+use foretrace_serve::admission::Admission;
 
 use crate::board::{Board, now_ns};
 use crate::hold::{Grip, Step};

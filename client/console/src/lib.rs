@@ -5,21 +5,20 @@
 //! move nothing. One page controls at a time. Connections, memory and every wait are bounded; frames for a
 //! page that reads slowly are dropped, never queued. Plain threads, no asynchronous runtime.
 //!
-//! In the order of a message's way: `certificate` and `wire` are the connection, `places`, `http` and `guard`
-//! let a page in, `message` reads what it says, `session` is one page, `board` is what all pages share,
-//! `link` feeds the daemon, with `hand` for pen and button, and `hold` for what a button means; `orders` asks
-//! the daemon and `stops` stops the arm, a thread each; `scene` and `frame` are what a page is told.
+//! In the order of a message's way: `certificate` and `wire` are the connection, `foretrace_serve` lets a
+//! page in, `keys` judges its token, `message` reads what it says, `session` is one page, `board` is what all
+//! pages share, `link` feeds the daemon, with `hand` for pen and button, and `hold` for what a button means;
+//! `orders` asks the daemon and `stops` stops the arm, a thread each; `scene` and `frame` are what a page is
+//! told.
 
 #![forbid(unsafe_code)]
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 
 mod certificate;
 mod wire;
-mod guard;
-mod http;
+mod keys;
 mod page;
 mod message;
-mod places;
 mod board;
 mod scene;
 mod frame;

@@ -99,7 +99,8 @@ fn ask(foretrace: &Foretrace, request: &Request, asked_ns: u64) -> Reply {
 mod tests {
     use super::*;
     use crate::board::ORDER_LASTS_NS as LASTS_NS;
-    use crate::guard::{Keys, Token};
+    use crate::keys::Keys;
+    use foretrace_serve::guard::Token;
     use std::sync::mpsc::channel;
 
     fn board() -> Board {

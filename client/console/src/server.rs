@@ -8,23 +8,30 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, TryRecvError, sync_channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+use foretrace_serve::guard::{Guard, Token};
+use foretrace_serve::http::{self, Head};
+use foretrace_serve::peers::{Limits, Peers, Slot};
+
 use crate::board::{Board, Tally};
 use crate::certificate::Certificate;
-use crate::guard::{Hosts, Keys, Token};
-use crate::http::{self, Head};
+use crate::keys::Keys;
 use crate::link::{Inbox, Link, LinkError, channels};
 use crate::page;
-use crate::places::Places;
 use crate::session;
 use crate::stops;
 use crate::wire::{TLS_BEGINS, Wire};
 
+/// Connections at a time; a browser opens six for each page. One who fills all slots that other machines may
+/// have leaves some for a page of this machine that wants to stop the arm.
+const LIMITS: Limits = Limits { all: 32, remote: 24, of_one: 12, local: 32 };
 /// Between two looks at new connections.
-const KNOCKS_EVERY: Duration = Duration::from_millis(5);
+const ACCEPT_INTERVAL: Duration = Duration::from_millis(5);
 /// Longest wait for bytes of a request, and for an answer to be taken.
 const WAIT: Duration = Duration::from_millis(200);
 /// Longest wait for a page that does not read its answer.
 const ANSWER: Duration = Duration::from_secs(5);
+/// Longest time for all of an answer, so that a page that takes it byte by byte keeps no slot.
+const WHOLE_ANSWER: Duration = Duration::from_secs(30);
 /// Lines for the shell that may wait.
 const LINES: usize = 64;
 /// Longest wait for a shell that takes no lines, at the end.
@@ -39,9 +46,7 @@ type Log = Box<dyn Fn(&str) + Send + Sync>;
 #[derive(thiserror::Error)]
 pub enum ConsoleError {
     /// Nobody can listen there.
-    #[error(
-        "{at} cannot be listened at: {source}: choose another with --port, or an address of this machine"
-    )]
+    #[error("cannot listen on {at}: {source}: choose another with --port, or an address of this machine")]
     Taken {
         /// Address and port.
         at: SocketAddr,
@@ -78,12 +83,12 @@ pub struct Lan {
 
 /// How connections begin, and what they may ask for.
 struct Door {
-    hosts: Hosts,
+    guard: Guard,
     /// `None`: in the clear.
     certificate: Option<Certificate>,
     /// Where a page under TLS is, for those who forgot it.
     origin: String,
-    places: Arc<Places>,
+    peers: Arc<Peers>,
 }
 
 /// A console that listens.
@@ -153,16 +158,16 @@ impl Console {
         let shown = at.get(1).or(at.first()).copied().unwrap_or_else(|| (Ipv4Addr::LOCALHOST, port).into());
         let door = match lan {
             None => Door {
-                hosts: Hosts::local(port),
+                guard: Guard::local(port),
                 certificate: None,
                 origin: format!("http://{shown}"),
-                places: Arc::default(),
+                peers: Peers::new(LIMITS),
             },
             Some(lan) => Door {
-                hosts: Hosts::secure(&at, &lan.names),
+                guard: Guard::secure(&at, &lan.names),
                 certificate: Some(lan.certificate),
                 origin: format!("https://{shown}"),
-                places: Arc::default(),
+                peers: Peers::new(LIMITS),
             },
         };
         let (pens, orders, inbox) = channels();
@@ -224,7 +229,7 @@ impl Console {
             }
             if !knocked {
                 // Also where no descriptor is left: some connection ends.
-                std::thread::sleep(KNOCKS_EVERY);
+                std::thread::sleep(ACCEPT_INTERVAL);
             }
             failed = match link_ended.try_recv() {
                 Err(TryRecvError::Empty) => None,
@@ -239,7 +244,7 @@ impl Console {
         let _ = stopping.join();
         let begin = Instant::now();
         while !logging.is_finished() && begin.elapsed() < LAST_LINES {
-            std::thread::sleep(KNOCKS_EVERY);
+            std::thread::sleep(ACCEPT_INTERVAL);
         }
         failed.map_or_else(|| Ok(board.tally()), Err)
     }
@@ -274,25 +279,24 @@ fn welcome(board: Arc<Board>, door: Arc<Door>, mut stream: TcpStream, peer: Sock
     if timeouts.is_err() {
         return;
     }
-    let place = match door.places.enter(peer.ip()) {
-        Ok(place) => place,
-        Err(reason) => {
+    let slot = match door.peers.enter(&stream) {
+        Ok(slot) => slot,
+        Err(full) => {
+            let reason = full.label();
             board.refuse(reason);
             // A short answer fits into the socket's own buffer; one who expects TLS reads the end of it.
             if door.certificate.is_none() {
                 let words = format!("{reason}\n");
-                let _ = http::answer(&mut stream, "503 Service Unavailable", "text/plain", words.as_bytes());
+                let status = "503 Service Unavailable";
+                let _ = http::answer(&mut stream, status, http::TEXT, words.as_bytes(), WHOLE_ANSWER);
             }
             return;
         }
     };
     let inside = board.clone();
-    let serves = move || {
-        let _place = place;
-        match begun(&door, stream) {
-            Ok(wire) => admit(&inside, &door, wire, peer, id),
-            Err(reason) => inside.refuse(reason),
-        }
+    let serves = move || match begun(&door, stream) {
+        Ok(wire) => admit(&inside, &door, wire, &slot, peer, id),
+        Err(reason) => inside.refuse(reason),
     };
     if std::thread::Builder::new().name("console-page".to_owned()).spawn(serves).is_err() {
         board.refuse("no thread");
@@ -318,23 +322,26 @@ fn begun(door: &Door, mut stream: TcpStream) -> Result<Wire, &'static str> {
     }
     // Read, so that the answer is not lost in a reset.
     let _ = Head::read(&mut stream);
-    let _ = http::answer(&mut stream, "426 Upgrade Required", HTML, page::insecure(&door.origin).as_bytes());
+    let words = page::insecure(&door.origin);
+    let _ = http::answer(&mut stream, "426 Upgrade Required", HTML, words.as_bytes(), WHOLE_ANSWER);
     Err("not under TLS")
 }
 
 /// Reads the request and answers it, or makes the connection a page's.
-fn admit(board: &Arc<Board>, door: &Door, mut stream: Wire, peer: SocketAddr, id: u64) {
+fn admit(board: &Arc<Board>, door: &Door, mut stream: Wire, slot: &Slot, peer: SocketAddr, id: u64) {
     let refuse = |stream: &mut Wire, status: &str, reason: &'static str| {
         board.refuse(reason);
         // It need not read the reason.
-        let _ = http::answer(stream, status, "text/plain; charset=utf-8", format!("{reason}\n").as_bytes());
+        let words = format!("{reason}\n");
+        let _ = http::answer(stream, status, http::TEXT, words.as_bytes(), WHOLE_ANSWER);
         stream.end();
     };
     let head = match Head::read(&mut stream) {
         Ok(head) => head,
         Err(error) => return refuse(&mut stream, "400 Bad Request", error.label()),
     };
-    if !head.only("host").is_some_and(|host| door.hosts.knows(host)) {
+    slot.asked();
+    if !head.only("host").is_some_and(|host| door.guard.is_host(host)) {
         return refuse(&mut stream, "403 Forbidden", "foreign host");
     }
     if head.method != "GET" {
@@ -344,7 +351,7 @@ fn admit(board: &Arc<Board>, door: &Door, mut stream: Wire, peer: SocketAddr, id
         return match page::file(&head.path) {
             Some(file) => {
                 let slow = [ErrorKind::TimedOut, ErrorKind::WouldBlock];
-                match http::answer(&mut stream, "200 OK", file.kind, file.body) {
+                match http::answer(&mut stream, "200 OK", file.kind, file.body, WHOLE_ANSWER) {
                     Err(error) if slow.contains(&error.kind()) => board.refuse("answer taken too slowly"),
                     // A browser that goes away meanwhile is no failure.
                     _ => {}
@@ -354,13 +361,13 @@ fn admit(board: &Arc<Board>, door: &Door, mut stream: Wire, peer: SocketAddr, id
             None => refuse(&mut stream, "404 Not Found", "no such file"),
         };
     }
-    if !head.only("origin").is_some_and(|origin| door.hosts.own(origin)) {
+    if !head.only("origin").is_some_and(|origin| door.guard.is_origin(origin)) {
         return refuse(&mut stream, "403 Forbidden", "foreign origin");
     }
     let Some(key) = head.socket_key() else {
         return refuse(&mut stream, "400 Bad Request", "no WebSocket of version 13");
     };
-    if http::upgrade(&mut stream, key).is_err() {
+    if http::upgrade(&mut stream, key, None).is_err() {
         return;
     }
     board.count(|tally| tally.pages += 1);

@@ -5,10 +5,9 @@
 
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use tungstenite::protocol::{Role, WebSocketConfig};
-use tungstenite::{Error, Message as Packet, WebSocket};
+use foretrace_serve::websocket::{Incoming, Limits, Message as Packet, Socket};
 
 use crate::board::{Board, Denied, Order, Reply, What, now_ns};
 use crate::message::{MESSAGE_BYTES, Message, Request, asked_at, held_at, sample};
@@ -18,92 +17,63 @@ use crate::wire::Wire;
 const WAIT: Duration = Duration::from_millis(5);
 /// Longest time for which one write may hold the page's thread up.
 const WRITE: Duration = Duration::from_millis(20);
-/// A page is let go that takes in nothing for this long.
-const STUCK: Duration = Duration::from_secs(3);
-/// A page is let go that says nothing for this long: it measures its clock every second.
-const SILENT: Duration = Duration::from_secs(15);
-/// Most messages per second; a pen of 1000 Hz sends one per sample at most.
-const MESSAGES: u32 = 1500;
+/// A pen of 1000 Hz sends one message per sample at most; a page measures its clock every second.
+const LIMITS: Limits = Limits {
+    message_bytes: MESSAGE_BYTES,
+    messages_per_s: 1500,
+    write_buffer: 0,
+    stuck: Duration::from_secs(3),
+    silent: Duration::from_secs(15),
+};
 
 /// Serves the page until it ends; `stream` has been upgraded.
 pub(crate) fn serve(board: &Arc<Board>, stream: Wire, id: u64, address: &str) {
     if stream.set_timeouts(WAIT, WRITE).and_then(|()| stream.set_nodelay()).is_err() {
         return;
     }
-    let config = WebSocketConfig::default()
-        .max_message_size(Some(MESSAGE_BYTES))
-        .max_frame_size(Some(MESSAGE_BYTES))
-        .write_buffer_size(0)
-        .max_write_buffer_size(1 << 20);
     let (replies, answers) = channel();
     let mut page = Page {
-        socket: WebSocket::from_raw_socket(stream, Role::Server, Some(config)),
+        socket: Socket::new(stream, LIMITS),
         board,
         id,
         address,
         replies,
         answers,
-        stuck_since: None,
         shown: 0,
         has_scene: false,
-        heard: Instant::now(),
-        second: (Instant::now(), 0),
     };
     let reason = page.talk();
-    // It may be gone.
-    let _ = page.socket.close(None);
-    let _ = page.socket.flush();
-    page.socket.get_mut().end();
+    page.socket.close().end();
     if board.release(id) {
         board.note(&format!("the page of {address} ended ({reason}) and no longer controls"));
     }
 }
 
 struct Page<'a> {
-    socket: WebSocket<Wire>,
+    socket: Socket<Wire>,
     board: &'a Arc<Board>,
     id: u64,
     address: &'a str,
     replies: Sender<Reply>,
     answers: Receiver<Reply>,
-    /// Since when something waits to be read by the page.
-    stuck_since: Option<Instant>,
     /// Number of the last frame that was shown.
     shown: u64,
     has_scene: bool,
-    heard: Instant,
-    /// Begin of this second, and messages in it.
-    second: (Instant, u32),
 }
 
 impl Page<'_> {
     /// Until it ends, and why.
     fn talk(&mut self) -> &'static str {
         while !self.board.is_over() {
-            let packet = self.socket.read();
-            // Every kind of packet costs work.
-            if packet.is_ok()
-                && let Err(reason) = self.count()
-            {
-                return reason;
-            }
-            match packet {
-                Ok(Packet::Text(text)) => {
-                    self.hear(text.as_str());
+            match self.socket.receive() {
+                Ok(Incoming::Message(Packet::Text(text))) => self.hear(text.as_str()),
+                Ok(Incoming::Message(_)) => self.board.refuse("binary message"),
+                Ok(Incoming::Nothing) => {}
+                Ok(Incoming::Closed) => return "closed",
+                Err(reason) => {
+                    self.board.refuse(reason);
+                    return reason;
                 }
-                Ok(Packet::Binary(_)) => self.board.refuse("binary message"),
-                Ok(Packet::Close(_)) | Err(Error::ConnectionClosed | Error::AlreadyClosed) => return "closed",
-                Ok(_) => {}
-                Err(Error::Io(error)) if would_block(&error) => {}
-                Err(Error::Io(error)) if error.kind() == std::io::ErrorKind::QuotaExceeded => {
-                    self.board.refuse("too many bytes");
-                    return "too many bytes";
-                }
-                Err(Error::Capacity(_)) => {
-                    self.board.refuse("message too long");
-                    return "message too long";
-                }
-                Err(_) => return "connection broke",
             }
             while let Ok(reply) = self.answers.try_recv() {
                 self.send(&serde_json::json!({ "reply": reply }).to_string());
@@ -111,25 +81,15 @@ impl Page<'_> {
             if let Some(reason) = self.show() {
                 return reason;
             }
-            if self.heard.elapsed() > SILENT {
-                self.board.refuse("silent page");
-                return "silent";
-            }
         }
         "the console ends"
     }
 
     /// Shows the newest frame, unless an older one still waits to be read.
     fn show(&mut self) -> Option<&'static str> {
-        if let Some(since) = self.stuck_since {
-            match self.socket.flush() {
-                Ok(()) => self.stuck_since = None,
-                Err(_) if since.elapsed() > STUCK => {
-                    self.board.refuse("page reads too slowly");
-                    return Some("read too slowly");
-                }
-                Err(_) => {}
-            }
+        if let Err(reason) = self.socket.push() {
+            self.board.refuse(reason);
+            return Some(reason);
         }
         // A page may come before the daemon was attached to.
         if let (false, Some(scene)) = (self.has_scene, self.board.scene()) {
@@ -139,7 +99,7 @@ impl Page<'_> {
         let (number, frame) = self.board.frame();
         if number != self.shown {
             let missed = number.saturating_sub(self.shown + 1);
-            if self.stuck_since.is_some() {
+            if self.socket.is_stuck() {
                 self.board.count(|tally| tally.frames_dropped += 1);
             } else {
                 if self.shown != 0 {
@@ -153,29 +113,12 @@ impl Page<'_> {
     }
 
     fn send(&mut self, text: &str) {
-        match self.socket.send(Packet::text(text)) {
-            Ok(()) => {}
-            // What could not be written waits in the socket's buffer, of bounded size.
-            Err(_) => drop(self.stuck_since.get_or_insert_with(Instant::now)),
-        }
-    }
-
-    /// Counts a packet; an error: more came than may.
-    fn count(&mut self) -> Result<(), &'static str> {
-        if self.second.0.elapsed() >= Duration::from_secs(1) {
-            self.second = (Instant::now(), 0);
-        }
-        self.second.1 += 1;
-        if self.second.1 > MESSAGES {
-            self.board.refuse("too many messages");
-            return Err("too many messages");
-        }
-        Ok(())
+        self.socket.send(Packet::text(text));
+        self.socket.flush();
     }
 
     /// Does what the page says, if it may.
     fn hear(&mut self, text: &str) {
-        self.heard = Instant::now();
         let message = match Message::read(text) {
             Ok(message) => message,
             Err(reason) => {
@@ -256,9 +199,4 @@ impl Page<'_> {
     fn tell(&mut self, done: bool, words: String) {
         self.send(&serde_json::json!({ "reply": Reply { done, words } }).to_string());
     }
-}
-
-fn would_block(error: &std::io::Error) -> bool {
-    use std::io::ErrorKind::{Interrupted, TimedOut, WouldBlock};
-    matches!(error.kind(), WouldBlock | TimedOut | Interrupted)
 }

@@ -62,7 +62,8 @@ fn carry_out(board: &Board, mut stop: impl FnMut() -> Result<(), String>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::guard::{Keys, Token};
+    use crate::keys::Keys;
+    use foretrace_serve::guard::Token;
     use std::sync::mpsc::{channel, sync_channel};
 
     #[test]

@@ -9,7 +9,7 @@ use std::net::TcpStream;
 use std::sync::Arc;
 use std::time::Duration;
 
-use foretrace_client::metered::Metered;
+use foretrace_serve::metered::Metered;
 use rustls::{ServerConfig, ServerConnection};
 
 /// The first byte of a TLS handshake. Source: RFC 8446, 5.1 (content type handshake).

@@ -15,9 +15,10 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use foretrace_client::Instance;
+use foretrace_serve::http::waits;
 
 use crate::RecordError;
-use crate::source::frame::{Asked, Counts, Inbox, asked, counts_frame, frame_of, framed, hello, kind, waits};
+use crate::source::frame::{Asked, Counts, Inbox, asked, counts_frame, frame_of, framed, hello, kind};
 use crate::source::remote::relay_socket;
 use crate::source::{News, Source, Wants};
 

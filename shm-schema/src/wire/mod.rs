@@ -12,6 +12,7 @@ pub(crate) mod check;
 pub(crate) mod clock;
 pub(crate) mod header;
 pub(crate) mod pen;
+pub mod gateway;
 pub(crate) mod joints;
 pub(crate) mod counters;
 pub(crate) mod arm_lag;

@@ -96,7 +96,7 @@ fn a_console_serves_its_page_and_a_second_one_takes_another_port() {
     assert!(get(origin, "evil.example").starts_with("HTTP/1.1 403"));
     let port = format!("--port={}", &origin[10..]);
     let second = world.run(0, &["console", &port]);
-    assert_refused(&second, 1, &[origin, "cannot be listened at", "--port"]);
+    assert_refused(&second, 1, &[origin, "cannot listen on", "--port"]);
     console.expect_alive();
     let mut beside = world.start(0, &["console", "--port=0"]);
     let (line, _more) = first_line(&mut beside);
@@ -118,7 +118,7 @@ fn a_console_for_other_machines_keeps_its_certificate_to_its_user_and_shows_how_
     assert_refused(
         &world.run(0, &["console", "--port=0", "--lan=203.0.113.7"]),
         1,
-        &["203.0.113.7", "cannot be listened at", "an address of this machine"],
+        &["203.0.113.7", "cannot listen on", "an address of this machine"],
     );
     let daemon = world.daemon(0);
     let mut prints = Vec::new();

@@ -3,7 +3,7 @@
 //! Contract: what comes over the socket reaches the loop only if the kernel names an allowed user, the frames
 //! are well formed, and each sample is finite, in range, of this moment, later than the one before and within
 //! the rate. Everything that is refused is counted by reason and reported. In the order of a sample's way:
-//! `socket`, `serve`, then the library's `admission`; `tally` counts.
+//! `socket`, `serve`, then `foretrace_serve::admission`; `tally` counts.
 
 mod holder;
 mod serve;
@@ -27,7 +27,7 @@ use socket::Socket;
 /// Accept pen samples from programs of other users, over a socket, checked
 ///
 /// One client at a time, `foretrace play --gateway PATH` or any program that speaks the protocol
-/// (documentation of foretrace_client::gateway_frame). The kernel tells which user a client is; only those of
+/// (shm-schema/src/wire/gateway.rs). The kernel tells which user a client is; only those of
 /// --allow-uid are let in. Run it as the daemon's user. Holds the instance's only place for a pen. Outlives
 /// the daemon; ends on Ctrl-C.
 #[derive(Debug, clap::Args)]

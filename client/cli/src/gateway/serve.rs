@@ -3,14 +3,15 @@
 //! Contract: one thread, memory of fixed size, every wait bounded. The user is judged before a byte is read.
 //! Whatever a client sends or leaves out, the gateway goes on; only a listener that fails ends it.
 
-use std::io::{self, ErrorKind, Read, Write};
+use std::io::{self, Write};
 use std::net::Shutdown;
 use std::os::unix::net::UnixStream;
 use std::time::{Duration, Instant};
 
 use foretrace_client::PenSample;
-use foretrace_client::admission::Admission;
-use foretrace_client::gateway_frame::{FrameReader, WELCOME};
+use foretrace_serve::admission::Admission;
+use foretrace_serve::frames::{Frames, Over};
+use foretrace_shm::gateway::{BODY_BYTES, Frame, FrameError, WELCOME};
 
 use super::holder::Holder;
 use super::socket::Socket;
@@ -21,8 +22,6 @@ use crate::os;
 const WAIT: Duration = Duration::from_millis(20);
 /// A client over its rate is read no faster than once per this time.
 const THROTTLE: Duration = Duration::from_millis(1);
-/// Bytes read at once.
-const CHUNK: usize = 4096;
 /// Clients that are answered in one round.
 const KNOCKS: usize = 16;
 
@@ -55,7 +54,7 @@ pub(crate) enum Delivery {
 struct Client {
     stream: UnixStream,
     user: u32,
-    reader: FrameReader,
+    frames: Frames,
     /// Since when a frame is not whole.
     half_since: Option<Instant>,
     holder: Holder,
@@ -137,7 +136,7 @@ impl<Deliver: FnMut(PenSample) -> Delivery> Gateway<Deliver> {
                 self.client = Some(Client {
                     stream,
                     user,
-                    reader: FrameReader::default(),
+                    frames: Frames::new(BODY_BYTES..=BODY_BYTES),
                     half_since: None,
                     holder: Holder::new(Instant::now()),
                     samples: Samples::default(),
@@ -170,38 +169,29 @@ impl<Deliver: FnMut(PenSample) -> Delivery> Gateway<Deliver> {
 
     /// Takes what the client has sent; a reason when the connection is over.
     fn hear(&mut self, client: &mut Client) -> Option<&'static str> {
-        let mut bytes = [0; CHUNK];
-        let count = match client.stream.read(&mut bytes) {
-            Ok(0) if client.reader.pending() > 0 => return Some("ended inside a frame"),
-            Ok(0) => return Some("ended by the client"),
-            Ok(count) => count,
-            Err(error)
-                if matches!(
-                    error.kind(),
-                    ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted
-                ) =>
-            {
-                0
-            }
+        match client.frames.read_once(&mut client.stream) {
+            Ok(_) => {}
+            Err(Over::Ended) if client.frames.pending() > 0 => return Some("ended inside a frame"),
+            Err(Over::Ended) => return Some("ended by the client"),
             Err(_) => return Some("the connection broke"),
-        };
-        let mut input = bytes.get(..count).unwrap_or_default();
-        let mut whole = false;
+        }
         let before = client.samples.refused.total();
         loop {
-            match client.reader.next(&mut input) {
-                Ok(Some(frame)) => {
-                    whole = true;
+            let frame = match client.frames.next_frame() {
+                Ok(None) => break,
+                Ok(Some(body)) => Frame::decode(body),
+                Err(Over::Length(length)) => Err(FrameError::Length(length)),
+                Err(_) => return Some("the connection broke"),
+            };
+            match frame {
+                Ok(frame) => {
+                    client.half_since = None;
                     self.take(client, frame.0);
                 }
-                Ok(None) => break,
                 Err(error) => return Some(frame_reason(error)),
             }
         }
-        if whole || client.reader.pending() == 0 {
-            client.half_since = None;
-        }
-        if client.reader.pending() > 0 {
+        if client.frames.pending() > 0 {
             let since = *client.half_since.get_or_insert_with(Instant::now);
             if since.elapsed() > self.policy.frame_time {
                 return Some("too slow with a frame");
@@ -243,8 +233,7 @@ impl<Deliver: FnMut(PenSample) -> Delivery> Gateway<Deliver> {
 }
 
 /// Reasons as counted, without the numbers of the broken frame.
-const fn frame_reason(error: foretrace_client::gateway_frame::FrameError) -> &'static str {
-    use foretrace_client::gateway_frame::FrameError;
+const fn frame_reason(error: FrameError) -> &'static str {
     match error {
         FrameError::Length(_) => "wrong frame length",
         FrameError::Version(_) => "wrong protocol version",

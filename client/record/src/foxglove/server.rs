@@ -1,23 +1,20 @@
 //! The listener: lets viewers in, one thread each, and feeds their queues from a source.
 
-use std::io::Write as _;
 use std::net::{SocketAddr, TcpListener, TcpStream};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use foretrace_client::metered::Metered;
 use foretrace_client::{FaultReason, Instance, Mode, Status, TickRecord, monotonic_now_ns};
-use tungstenite::handshake::HandshakeError;
-use tungstenite::handshake::server::{ErrorResponse, Request, Response};
-use tungstenite::http::{HeaderValue, StatusCode};
-use tungstenite::protocol::WebSocketConfig;
-use tungstenite::{WebSocket, accept_hdr_with_config};
+use foretrace_serve::guard::Token;
+use foretrace_serve::http::{self, Head};
+use foretrace_serve::metered::Metered;
+use foretrace_serve::peers::{Limits, Peers, Slot};
 
-use super::guard::{Admitted, Door, Refusal, Token};
+use super::guard::{Admitted, Door};
 use super::hub::{Data, Hub, Parameters, Tally};
 use super::orders::Orders;
-use super::protocol::{self, CHANNELS, Level, MESSAGE_BYTES};
+use super::protocol::{self, CHANNELS, Level};
 use super::settings::Settings;
 use super::viewer::Viewer;
 use crate::RecordError;
@@ -28,14 +25,12 @@ use crate::topics::{Topic, frames, log, tick, warning};
 
 /// Most bytes of a viewer per second: far more than one says.
 const BYTES: usize = 4 << 20;
-/// Most viewers at a time.
-const VIEWERS: usize = 16;
+/// Viewers at a time, and those that ask to be one.
+const LIMITS: Limits = Limits { all: 16, remote: 16, of_one: 16, local: 16 };
 /// Between two looks at what has come.
 const NAP: Duration = Duration::from_millis(2);
-/// Longest wait for bytes of a request.
+/// Longest wait for bytes of a request, and for a refusal to be taken.
 const WAIT: Duration = Duration::from_millis(200);
-/// Longest time for a whole request.
-const PATIENCE: Duration = Duration::from_secs(3);
 
 /// What a server does.
 #[derive(Debug, Clone)]
@@ -77,6 +72,7 @@ struct Around {
 /// A server that listens.
 pub struct Server {
     listener: TcpListener,
+    peers: Arc<Peers>,
     door: Arc<Door>,
     at: SocketAddr,
     hub: Arc<Hub>,
@@ -111,7 +107,8 @@ impl Server {
         let orders = Orders::start(instance)?;
         let (hub, clock) = (Arc::new(Hub::default()), unix_minus_monotonic());
         let (settings, around) = (Settings::new(instance), Around::default());
-        Ok(Self { listener, door, at, hub, orders, source, settings, around, clock })
+        let peers = Peers::new(LIMITS);
+        Ok(Self { listener, peers, door, at, hub, orders, source, settings, around, clock })
     }
 
     /// Where it listens.
@@ -131,7 +128,7 @@ impl Server {
         let (mut shown, mut before) = (Shown::default(), None);
         while !over() {
             // No more at once than there may be: ticks do not wait.
-            for _ in 0..VIEWERS {
+            for _ in 0..LIMITS.all {
                 let Ok((stream, _)) = self.listener.accept() else { break };
                 self.welcome(stream);
             }
@@ -204,93 +201,64 @@ impl Server {
         if timeouts.is_err() {
             return;
         }
-        let Some(queue) = self.hub.enter(VIEWERS) else {
-            self.hub.refuse("too many viewers");
-            plain(stream, "503 Service Unavailable", "there are too many viewers: end one of them");
-            return;
+        let slot = match self.peers.enter(&stream) {
+            Ok(slot) => slot,
+            Err(full) => {
+                self.hub.refuse(full.label());
+                let message = "there are too many viewers: end one of them";
+                return refuse(stream, "503 Service Unavailable", message);
+            }
         };
-        let (hub, door, orders, inside) =
-            (self.hub.clone(), self.door.clone(), self.orders.clone(), queue.clone());
+        let (hub, door, orders) = (self.hub.clone(), self.door.clone(), self.orders.clone());
         let clock = self.clock.to_string();
         let serves = move || {
-            if let Some((socket, admitted)) = admit(&hub, &door, stream) {
+            if let Some((stream, admitted)) = admit(&hub, &door, stream, &slot) {
+                let queue = hub.enter();
                 hub.count(|tally| tally.viewers += 1);
-                Viewer::new(socket, admitted, (&hub, &inside), &door, &orders).serve(&clock);
+                Viewer::new(stream, admitted, (&hub, &queue), &door, &orders).serve(&clock);
+                hub.leave(&queue);
             }
-            hub.leave(&inside);
         };
         if std::thread::Builder::new().name("foretrace-viewer".to_owned()).spawn(serves).is_err() {
             self.hub.refuse("no thread");
-            self.hub.leave(&queue);
         }
     }
 }
 
 /// Reads the request and makes the connection a viewer's, or answers why not.
-fn admit(hub: &Hub, door: &Door, stream: TcpStream) -> Option<(WebSocket<Metered<TcpStream>>, Admitted)> {
-    let spare = stream.try_clone().ok()?;
-    let mut judged = None;
-    // The type is the handshake's own.
-    #[allow(clippy::result_large_err)]
-    let judge = |request: &Request, mut response: Response| -> Result<Response, ErrorResponse> {
-        let verdict = judged.insert(door.judge(request));
-        match verdict {
-            Ok(admitted) => {
-                let value = HeaderValue::from_static(admitted.protocol);
-                response.headers_mut().insert("sec-websocket-protocol", value);
-                Ok(response)
-            }
-            Err(refusal) => Err(refused(refusal)),
+fn admit(hub: &Hub, door: &Door, stream: TcpStream, slot: &Slot) -> Option<(Metered<TcpStream>, Admitted)> {
+    let mut stream = Metered::new(stream, BYTES);
+    let head = match Head::read(&mut stream) {
+        Ok(head) => head,
+        Err(error) => {
+            hub.refuse(error.label());
+            refuse(stream, "400 Bad Request", error.label());
+            return None;
         }
     };
-    let config = WebSocketConfig::default()
-        .max_message_size(Some(MESSAGE_BYTES))
-        .max_frame_size(Some(MESSAGE_BYTES))
-        .write_buffer_size(32 << 10)
-        .max_write_buffer_size(1 << 20);
-    let begin = Instant::now();
-    let mut shaking = accept_hdr_with_config(Metered::new(stream, BYTES), judge, Some(config));
-    let socket = loop {
-        match shaking {
-            Ok(socket) => break Some(socket),
-            Err(HandshakeError::Interrupted(middle)) if begin.elapsed() < PATIENCE => {
-                shaking = middle.handshake();
-            }
-            Err(_) => break None,
-        }
+    slot.asked();
+    let Some(key) = head.socket_key() else {
+        hub.refuse("no WebSocket request");
+        let message = "this is a WebSocket server for Foxglove and Lichtblick: open its address there";
+        refuse(stream, "426 Upgrade Required", message);
+        return None;
     };
-    match (socket, judged) {
-        (Some(socket), Some(Ok(admitted))) => Some((socket, admitted)),
-        (_, Some(Err(refusal))) => {
+    match door.judge(&head) {
+        Ok(admitted) => {
+            http::upgrade(&mut stream, key, Some(admitted.protocol)).ok()?;
+            Some((stream, admitted))
+        }
+        Err(refusal) => {
             hub.refuse(refusal.reason);
-            None
-        }
-        _ => {
-            hub.refuse("no WebSocket request");
-            let words = "this is a WebSocket server for Foxglove and Lichtblick: open its address there";
-            plain(spare, "426 Upgrade Required", words);
+            refuse(stream, "400 Bad Request", &refusal.message);
             None
         }
     }
 }
 
-fn refused(Refusal { words, .. }: &Refusal) -> ErrorResponse {
-    let mut response = ErrorResponse::new(Some(format!("{words}\n")));
-    *response.status_mut() = StatusCode::BAD_REQUEST;
-    let text = HeaderValue::from_static("text/plain; charset=utf-8");
-    response.headers_mut().insert("content-type", text);
-    response.headers_mut().insert("content-length", HeaderValue::from(words.len() + 1));
-    response
-}
-
 /// A short answer, which fits into the socket's own buffer; the other side need not read it.
-fn plain(mut stream: TcpStream, status: &str, words: &str) {
-    let answer = format!(
-        "HTTP/1.1 {status}\r\nContent-Type: text/plain; charset=utf-8\r\nContent-Length: {}\r\nConnection: \
-         close\r\n\r\n{words}\n",
-        words.len() + 1
-    );
-    let _ = stream.write_all(answer.as_bytes());
+fn refuse(mut stream: impl std::io::Write, status: &str, message: &str) {
+    let _ = http::answer(&mut stream, status, http::TEXT, format!("{message}\n").as_bytes(), WAIT);
 }
 
 fn place(topic: Topic) -> usize {
@@ -355,8 +323,11 @@ impl Shown {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use tungstenite::Message;
+    use std::io::Write as _;
+    use std::time::Instant;
     use tungstenite::client::IntoClientRequest as _;
+    use tungstenite::http::HeaderValue;
+    use tungstenite::{Message, WebSocket};
 
     /// A viewer of a server without a daemon, and its thread.
     fn viewer(hub: &Arc<Hub>) -> (WebSocket<TcpStream>, std::thread::JoinHandle<()>) {
@@ -367,9 +338,11 @@ mod tests {
         let serving = std::thread::spawn(move || {
             let folder = tempfile::TempDir::new_in("/tmp").unwrap();
             let orders = Orders::start(&Instance::at(3, folder.path()).unwrap()).unwrap();
-            let queue = hub.enter(VIEWERS).unwrap();
-            let (socket, admitted) = admit(&hub, &door, listener.accept().unwrap().0).unwrap();
-            Viewer::new(socket, admitted, (&hub, &queue), &door, &orders).serve("1");
+            let stream = listener.accept().unwrap().0;
+            let slot = Peers::new(LIMITS).enter(&stream).unwrap();
+            let (stream, admitted) = admit(&hub, &door, stream, &slot).unwrap();
+            let queue = hub.enter();
+            Viewer::new(stream, admitted, (&hub, &queue), &door, &orders).serve("1");
             hub.leave(&queue);
         });
         let mut request = format!("ws://{at}/").into_client_request().unwrap();
@@ -410,7 +383,7 @@ mod tests {
             let before = time_ns.saturating_sub(100);
             wait("the one that reads goes on", || told.load(Ordering::Relaxed) >= before);
         }
-        wait("the other one is let go", || hub.tally().refused.contains_key("viewer reads too slowly"));
+        wait("the other one is let go", || hub.tally().refused.contains_key("reads too slowly"));
         first.join().unwrap();
         wait("all of it comes", || told.load(Ordering::Relaxed) == messages);
         assert!(hub.tally().dropped > 100, "{:?}", hub.tally());

@@ -4,16 +4,14 @@
 //! is let go, and counted; what it did not take in time is dropped, the oldest first.
 
 use std::collections::BTreeMap;
-use std::io::ErrorKind;
 use std::net::TcpStream;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant};
 
-use foretrace_client::metered::Metered;
-use tungstenite::error::ProtocolError;
-use tungstenite::{Bytes, Error, Message as Packet, WebSocket};
+use foretrace_serve::metered::Metered;
+use foretrace_serve::websocket::{Bytes, Incoming, Limits, Message as Packet, Socket};
 
 use super::guard::{Admitted, Door};
 use super::hub::{Data, Hub, Parameters, Queue};
@@ -24,15 +22,18 @@ use super::protocol::{self, CHANNELS, Level, Said, Service, Setting};
 const WAIT: Duration = Duration::from_millis(2);
 /// Longest time for which one write may hold the viewer's thread up.
 const WRITE: Duration = Duration::from_millis(20);
-/// A viewer is let go that takes in nothing for this long.
-const STUCK: Duration = Duration::from_secs(5);
-/// Between two pings, and how long a viewer may be silent.
+/// A viewer that has nothing to say answers the pings.
+const LIMITS: Limits = Limits {
+    message_bytes: protocol::MESSAGE_BYTES,
+    messages_per_s: 500,
+    write_buffer: 32 << 10,
+    stuck: Duration::from_secs(5),
+    silent: Duration::from_secs(20),
+};
+/// Between two pings.
 const PING: Duration = Duration::from_secs(5);
-const SILENT: Duration = Duration::from_secs(20);
 /// Between two messages of the time.
 const TIME: Duration = Duration::from_millis(100);
-/// Most messages of a viewer per second.
-const MESSAGES: u32 = 500;
 /// Most subscriptions of a viewer; two to one channel are legal.
 const SUBSCRIPTIONS: usize = 64;
 
@@ -51,7 +52,7 @@ struct Due {
 }
 
 pub(crate) struct Viewer<'a> {
-    socket: WebSocket<Metered<TcpStream>>,
+    socket: Socket<Metered<TcpStream>>,
     hub: &'a Arc<Hub>,
     queue: &'a Arc<Queue>,
     door: &'a Door,
@@ -65,17 +66,14 @@ pub(crate) struct Viewer<'a> {
     due: Vec<Due>,
     replies: Sender<Reply>,
     answers: Receiver<Reply>,
-    stuck_since: Option<Instant>,
-    heard: Instant,
     pinged: Instant,
     timed: Instant,
-    /// Begin of this second, and messages in it.
-    second: (Instant, u32),
 }
 
 impl<'a> Viewer<'a> {
+    /// A viewer on a connection that has been upgraded.
     pub(crate) fn new(
-        socket: WebSocket<Metered<TcpStream>>,
+        stream: Metered<TcpStream>,
         admitted: Admitted,
         (hub, queue): (&'a Arc<Hub>, &'a Arc<Queue>),
         door: &'a Door,
@@ -83,8 +81,14 @@ impl<'a> Viewer<'a> {
     ) -> Self {
         let (replies, answers) = channel();
         let now = Instant::now();
+        // One that fails is noticed at the first packet.
+        let _ = stream
+            .get_ref()
+            .set_read_timeout(Some(WAIT))
+            .and_then(|()| stream.get_ref().set_write_timeout(Some(WRITE)))
+            .and_then(|()| stream.get_ref().set_nodelay(true));
         Self {
-            socket,
+            socket: Socket::new(stream, LIMITS),
             hub,
             queue,
             door,
@@ -96,24 +100,13 @@ impl<'a> Viewer<'a> {
             due: Vec::new(),
             replies,
             answers,
-            stuck_since: None,
-            heard: now,
             pinged: now,
             timed: now,
-            second: (now, 0),
         }
     }
 
     /// Serves the viewer until it ends.
     pub(crate) fn serve(mut self, session: &str) {
-        let stream = self.socket.get_ref().get_ref();
-        let timeouts = stream
-            .set_read_timeout(Some(WAIT))
-            .and_then(|()| stream.set_write_timeout(Some(WRITE)))
-            .and_then(|()| stream.set_nodelay(true));
-        if timeouts.is_err() {
-            return;
-        }
         self.say(&protocol::server_info(session));
         self.say(&protocol::advertise());
         self.say(&protocol::advertise_services());
@@ -122,60 +115,30 @@ impl<'a> Viewer<'a> {
             // It may not read any more.
             self.say(&protocol::status(Level::Error, reason, None));
         }
-        let _ = self.socket.close(None);
-        let _ = self.socket.flush();
+        drop(self.socket.close());
     }
 
     /// Until it ends; why it is let go, if it is.
     fn talk(&mut self) -> Option<&'static str> {
         while !self.hub.is_over() {
-            let packet = self.socket.read();
-            if packet.is_ok() {
-                self.heard = Instant::now();
-                if self.second.0.elapsed() >= Duration::from_secs(1) {
-                    self.second = (self.heard, 0);
-                }
-                self.second.1 += 1;
-                if self.second.1 > MESSAGES {
-                    return Some("too many messages");
-                }
-            }
-            match packet {
-                Ok(Packet::Text(text)) => self.hear(protocol::text(text.as_str())),
-                Ok(Packet::Binary(bytes)) => self.hear(protocol::binary(&bytes)),
-                Ok(Packet::Close(_)) | Err(Error::ConnectionClosed | Error::AlreadyClosed) => return None,
-                Ok(_) => {}
-                // It went without a word.
-                Err(Error::Protocol(ProtocolError::ResetWithoutClosingHandshake)) => return None,
-                Err(Error::Io(error)) if would_block(&error) => {}
-                Err(Error::Io(error)) if error.kind() == ErrorKind::QuotaExceeded => {
-                    return Some("too many bytes");
-                }
-                Err(Error::Io(_)) => return None,
-                Err(Error::Capacity(_)) => return Some("message too long"),
-                Err(_) => return Some("broken WebSocket"),
+            match self.socket.receive() {
+                Ok(Incoming::Message(Packet::Text(text))) => self.hear(protocol::text(text.as_str())),
+                Ok(Incoming::Message(packet)) => self.hear(protocol::binary(&packet.into_data())),
+                Ok(Incoming::Nothing) => {}
+                Ok(Incoming::Closed) => return None,
+                Err(reason) => return Some(reason),
             }
             while let Ok(reply) = self.answers.try_recv() {
                 self.answer(reply);
             }
-            if self.heard.elapsed() > SILENT {
-                return Some("silent viewer");
+            if let Err(reason) = self.socket.push() {
+                return Some(reason);
             }
-            if !self.is_stuck() {
+            if !self.socket.is_stuck() {
                 self.show();
-            } else if self.stuck_since.is_some_and(|since| since.elapsed() > STUCK) {
-                return Some("viewer reads too slowly");
             }
         }
         None
-    }
-
-    /// Whether something that was written still waits to be read.
-    fn is_stuck(&mut self) -> bool {
-        if self.stuck_since.is_some() && self.socket.flush().is_ok() {
-            self.stuck_since = None;
-        }
-        self.stuck_since.is_some()
     }
 
     /// Sends what has come, the time, and parameters that changed.
@@ -183,13 +146,13 @@ impl<'a> Viewer<'a> {
         let (words, mut data) = self.queue.take();
         words.iter().for_each(|words| self.say(words));
         let mut sent = 0;
-        while self.stuck_since.is_none()
+        while !self.socket.is_stuck()
             && let Some(data) = data.pop_front()
         {
             for (id, _) in self.subscriptions.iter().filter(|(_, channel)| **channel == data.channel) {
                 let packet = protocol::message_data(*id, data.time_ns, &data.bytes);
                 sent += 1;
-                write(&mut self.socket, &mut self.stuck_since, Packet::Binary(packet.into()));
+                self.socket.send(Packet::Binary(packet.into()));
             }
         }
         let dropped = if data.is_empty() { 0 } else { self.queue.put_back(data) };
@@ -222,9 +185,7 @@ impl<'a> Viewer<'a> {
         for Due { names, id, .. } in ready {
             self.say(&protocol::parameter_values(&newest.named(&names), id.as_deref()));
         }
-        if self.socket.flush().is_err() {
-            self.stuck_since.get_or_insert_with(Instant::now);
-        }
+        self.socket.flush();
     }
 
     fn say(&mut self, text: &str) {
@@ -232,7 +193,7 @@ impl<'a> Viewer<'a> {
     }
 
     fn write(&mut self, packet: Packet) {
-        write(&mut self.socket, &mut self.stuck_since, packet);
+        self.socket.send(packet);
     }
 
     fn tell(&mut self, level: Level, words: &str) {
@@ -393,15 +354,4 @@ impl<'a> Viewer<'a> {
             }
         }
     }
-}
-
-/// Writes a packet. One that cannot be written waits in the socket's buffer, of bounded size.
-fn write(socket: &mut WebSocket<Metered<TcpStream>>, stuck_since: &mut Option<Instant>, packet: Packet) {
-    if socket.write(packet).is_err() {
-        stuck_since.get_or_insert_with(Instant::now);
-    }
-}
-
-fn would_block(error: &std::io::Error) -> bool {
-    matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted)
 }

@@ -1,30 +1,27 @@
-//! The small server that hands out the newest text.
+//! Answers `GET /metrics` with the newest text.
 //!
 //! Contract: it answers a bounded number of peers at a time, each within a bounded time as a whole, whatever
-//! they send and however slowly. Where one machine, or all together, have no place left, the peer that has
+//! they send and however slowly. Where one machine, or all together, have no slot left, the peer that has
 //! been asking for longest gives way, after a moment of its own; one that has asked is answered. It holds no
 //! handle to the loop.
 
-use std::fmt::Write as _;
-use std::io::{self, Read as _, Write as _};
-use std::net::{IpAddr, Shutdown, TcpListener, TcpStream};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::{Duration, Instant};
+use std::io;
+use std::net::{TcpListener, TcpStream};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
 
-use foretrace_client::metered::machine;
+use foretrace_serve::http::{self, Head, NoHead};
+use foretrace_serve::peers::{Full, Limits, Peers, Slot};
 
 /// Peers at a time.
-const PEERS: usize = 48;
-/// Of those, from one machine.
-const OF_ONE: usize = 16;
-/// How long a peer may take to ask, from the first byte to the last.
-const ASKING: Duration = Duration::from_secs(2);
-/// A peer has so long before it gives way: newcomers wait.
-const MOMENT: Duration = Duration::from_millis(50);
-/// How long it may take to take the answer, all of it.
-const TAKING: Duration = Duration::from_secs(5);
-/// Bytes of a request at most.
-const LONGEST_REQUEST: usize = 8192;
+const LIMITS: Limits = Limits { all: 48, remote: 48, of_one: 16, local: 16 };
+/// Longest wait for bytes of a request.
+const WAIT: Duration = Duration::from_millis(200);
+/// How long a peer may take to take the answer, all of it.
+const WHOLE_ANSWER: Duration = Duration::from_secs(5);
+/// The text format of Prometheus, version 0.0.4.
+const KIND: &str = "text/plain; version=0.0.4; charset=utf-8";
 
 /// The newest text, shared with the server.
 #[derive(Debug, Clone, Default)]
@@ -48,221 +45,127 @@ impl Board {
 /// The system refuses another thread.
 pub fn serve(listener: TcpListener, board: Board) -> io::Result<()> {
     std::thread::Builder::new().name("foretrace-http".to_owned()).spawn(move || {
-        let room = Arc::new(Room::default());
+        let served = Arc::new(Served { board, peers: Peers::new(LIMITS), refused: Refused::default() });
         for peer in listener.incoming() {
             let Ok(peer) = peer else {
                 // No descriptor is left, for example: some peer ends.
                 std::thread::sleep(Duration::from_millis(5));
                 continue;
             };
-            let Some(seat) = room.enter(&peer) else { continue };
-            let board = board.clone();
-            let answers = move || {
-                let mut peer = peer;
-                // A peer that went away has no use for an error.
-                let _ = answer(&mut peer, &board, &seat);
-                // Before the peer sees the end and comes again.
-                drop(seat);
-            };
-            if std::thread::Builder::new().name("foretrace-peer".to_owned()).spawn(answers).is_err() {
-                room.inside().turned_away += 1;
-            }
+            served.welcome(peer);
         }
     })?;
     Ok(())
 }
 
-/// The peers that are there.
-#[derive(Debug, Default)]
-struct Room(Mutex<Inside>);
-
-#[derive(Debug, Default)]
-struct Inside {
-    /// In the order in which they came.
-    guests: Vec<Guest>,
-    next: u64,
-    gave_way: u64,
-    turned_away: u64,
-    timed_out: u64,
-    too_long: u64,
-}
-
+/// What all peers share.
 #[derive(Debug)]
-struct Guest {
-    number: u64,
-    machine: IpAddr,
-    since: Instant,
-    /// Its line, while it still asks.
-    asking: Option<TcpStream>,
+struct Served {
+    board: Board,
+    peers: Arc<Peers>,
+    refused: Refused,
 }
 
-/// A place in the room; free again when it is dropped.
-#[derive(Debug)]
-struct Seat {
-    room: Arc<Room>,
-    number: u64,
+/// Peers that got no answer.
+#[derive(Debug, Default)]
+struct Refused {
+    no_slot: AtomicU64,
+    too_slow: AtomicU64,
+    too_long: AtomicU64,
 }
 
-impl Room {
-    fn inside(&self) -> MutexGuard<'_, Inside> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    /// A place for `peer`, if need be that of one who still asks; none where all are being answered. Waits
-    /// while that one has not had its moment.
-    fn enter(self: &Arc<Self>, peer: &TcpStream) -> Option<Seat> {
-        let known = peer.peer_addr().and_then(|address| Ok((machine(address.ip()), peer.try_clone()?)));
-        let Ok((machine, line)) = known else {
-            self.inside().turned_away += 1;
-            return None;
-        };
-        loop {
-            let mut inside = self.inside();
-            let own = inside.guests.iter().filter(|guest| guest.machine == machine).count();
-            let full = if own >= OF_ONE {
-                Some(Some(machine))
-            } else {
-                (inside.guests.len() >= PEERS).then_some(None)
-            };
-            let Some(of) = full else {
-                let number = inside.next;
-                inside.next += 1;
-                inside.guests.push(Guest { number, machine, since: Instant::now(), asking: Some(line) });
-                return Some(Seat { room: self.clone(), number });
-            };
-            let Some(wait) = inside.give_way(of) else {
-                inside.turned_away += 1;
-                return None;
-            };
-            drop(inside);
-            std::thread::sleep(wait);
-        }
-    }
-}
-
-impl Inside {
-    /// Lets the one go that has been asking for longest, of one machine or of all, and returns zero; or
-    /// returns how long to wait for that. `None`: all have asked.
-    fn give_way(&mut self, of: Option<IpAddr>) -> Option<Duration> {
-        let asks =
-            |guest: &Guest| guest.asking.is_some() && of.is_none_or(|machine| machine == guest.machine);
-        let oldest = self.guests.iter().position(asks)?;
-        let wait = MOMENT.saturating_sub(self.guests.get(oldest)?.since.elapsed());
-        if wait.is_zero() {
-            if let Some(line) = self.guests.remove(oldest).asking {
-                // Its thread reads what has come, then the end; it may be gone already.
-                let _ = line.shutdown(Shutdown::Read);
+impl Served {
+    /// Gives the peer a thread, or turns it away; waits while the one that gives way has its moment.
+    fn welcome(self: &Arc<Self>, mut peer: TcpStream) {
+        let slot = loop {
+            match self.peers.enter(&peer) {
+                Ok(slot) => break slot,
+                Err(Full::Wait(wait)) => std::thread::sleep(wait),
+                Err(_) => return count(&self.refused.no_slot),
             }
-            self.gave_way += 1;
-        }
-        Some(wait)
-    }
-}
-
-impl Seat {
-    /// It has asked: it keeps its place until it is answered.
-    fn asked(&self) {
-        let mut inside = self.room.inside();
-        if let Some(guest) = inside.guests.iter_mut().find(|guest| guest.number == self.number) {
-            guest.asking = None;
+        };
+        let served = self.clone();
+        let answers = move || {
+            // A peer that went away has no use for an error.
+            let _ = served.answer(&mut peer, &slot);
+            // Before the peer sees the end and comes again.
+            drop(slot);
+        };
+        if std::thread::Builder::new().name("foretrace-peer".to_owned()).spawn(answers).is_err() {
+            count(&self.refused.no_slot);
         }
     }
 
-    fn count(&self, error: &io::Error) {
-        let mut inside = self.room.inside();
-        match error.kind() {
-            io::ErrorKind::TimedOut | io::ErrorKind::WouldBlock => inside.timed_out += 1,
-            io::ErrorKind::InvalidData => inside.too_long += 1,
-            // It went away, or had to.
-            _ => {}
-        }
+    fn answer(&self, peer: &mut TcpStream, slot: &Slot) -> io::Result<()> {
+        peer.set_read_timeout(Some(WAIT))?;
+        peer.set_write_timeout(Some(WHOLE_ANSWER))?;
+        let head = match Head::read(peer) {
+            Ok(head) => head,
+            Err(error) => {
+                match error {
+                    NoHead::TooSlow => count(&self.refused.too_slow),
+                    NoHead::TooLong => count(&self.refused.too_long),
+                    NoHead::Malformed => {
+                        let message = b"ask for GET /metrics\n";
+                        http::answer(peer, "400 Bad Request", KIND, message, WHOLE_ANSWER)?;
+                    }
+                    // It went away, or gave way.
+                    NoHead::Incomplete => {}
+                }
+                return Ok(());
+            }
+        };
+        slot.asked();
+        let (status, body) = match (head.method.as_str(), head.path.as_str()) {
+            ("GET" | "HEAD", "/metrics") => ("200 OK", self.board.text() + &self.tally()),
+            ("GET" | "HEAD", _) => ("404 Not Found", "metrics are at /metrics\n".to_owned()),
+            _ => ("405 Method Not Allowed", "ask for GET /metrics\n".to_owned()),
+        };
+        let answered = if head.method == "HEAD" {
+            http::answer_without_body(peer, status, KIND, body.len(), WHOLE_ANSWER)
+        } else {
+            http::answer(peer, status, KIND, body.as_bytes(), WHOLE_ANSWER)
+        };
+        answered.inspect_err(|error| {
+            if matches!(error.kind(), io::ErrorKind::TimedOut | io::ErrorKind::WouldBlock) {
+                count(&self.refused.too_slow);
+            }
+        })
     }
 
     /// What became of peers, as metrics.
     fn tally(&self) -> String {
-        let inside = self.room.inside();
-        let mut text =
-            "# HELP foretrace_metrics_peers_refused_total Peers of these metrics that got no answer.\n\
-                        # TYPE foretrace_metrics_peers_refused_total counter\n"
-                .to_owned();
-        for (reason, count) in [
-            ("gave way", inside.gave_way),
-            ("no place", inside.turned_away),
-            ("too slow", inside.timed_out),
-            ("too long", inside.too_long),
-        ] {
-            let _ = writeln!(text, "foretrace_metrics_peers_refused_total{{reason=\"{reason}\"}} {count}");
-        }
-        text
+        let of = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
+        let lines = [
+            ("gave way", self.peers.gave_way()),
+            ("no slot", of(&self.refused.no_slot)),
+            ("too slow", of(&self.refused.too_slow)),
+            ("too long", of(&self.refused.too_long)),
+        ]
+        .map(|(reason, count)| {
+            format!("foretrace_metrics_peers_refused_total{{reason=\"{reason}\"}} {count}\n")
+        });
+        "# HELP foretrace_metrics_peers_refused_total Peers of these metrics that got no answer.\n\
+         # TYPE foretrace_metrics_peers_refused_total counter\n"
+            .to_owned()
+            + &lines.concat()
     }
 }
 
-impl Drop for Seat {
-    fn drop(&mut self) {
-        self.room.inside().guests.retain(|guest| guest.number != self.number);
-    }
-}
-
-fn answer(peer: &mut TcpStream, board: &Board, seat: &Seat) -> io::Result<()> {
-    let asked = heard(peer).inspect_err(|error| seat.count(error))?;
-    seat.asked();
-    let line = asked.split(|byte| *byte == b'\r').next().unwrap_or_default();
-    let mut words = line.split(|byte| *byte == b' ');
-    let (status, body) = match (words.next(), words.next()) {
-        (Some(b"GET"), Some(b"/metrics")) => ("200 OK", board.text() + &seat.tally()),
-        (Some(b"GET"), Some(_)) => ("404 Not Found", "metrics are at /metrics\n".to_owned()),
-        _ => ("400 Bad Request", "ask for GET /metrics\n".to_owned()),
-    };
-    let head = format!(
-        "HTTP/1.1 {status}\r\nContent-Type: text/plain; version=0.0.4; charset=utf-8\r\nContent-Length: \
-         {}\r\nConnection: close\r\n\r\n",
-        body.len()
-    );
-    told(peer, &[head.as_bytes(), body.as_bytes()].concat()).inspect_err(|error| seat.count(error))
-}
-
-/// The head of a request, or what came before its end.
-fn heard(peer: &mut TcpStream) -> io::Result<Vec<u8>> {
-    let until = Instant::now() + ASKING;
-    let (mut asked, mut room) = (Vec::new(), [0; 1024]);
-    while !asked.windows(4).any(|end| end == b"\r\n\r\n") {
-        if asked.len() > LONGEST_REQUEST {
-            return Err(io::ErrorKind::InvalidData.into());
-        }
-        peer.set_read_timeout(Some(left(until)?))?;
-        let came = peer.read(&mut room)?;
-        if came == 0 {
-            break;
-        }
-        asked.extend_from_slice(room.get(..came).unwrap_or_default());
-    }
-    Ok(asked)
-}
-
-/// Writes all of it.
-fn told(peer: &mut TcpStream, mut bytes: &[u8]) -> io::Result<()> {
-    let until = Instant::now() + TAKING;
-    while !bytes.is_empty() {
-        peer.set_write_timeout(Some(left(until)?))?;
-        let taken = peer.write(bytes)?;
-        if taken == 0 {
-            return Err(io::ErrorKind::WriteZero.into());
-        }
-        bytes = bytes.get(taken..).unwrap_or_default();
-    }
-    Ok(())
-}
-
-/// The time left; bytes that drip do not add to it.
-fn left(until: Instant) -> io::Result<Duration> {
-    let left = until.saturating_duration_since(Instant::now());
-    if left.is_zero() { Err(io::ErrorKind::TimedOut.into()) } else { Ok(left) }
+fn count(counter: &AtomicU64) {
+    counter.fetch_add(1, Ordering::Relaxed);
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use foretrace_serve::http::HEAD_TIME;
+    use std::io::{Read as _, Write as _};
     use std::net::SocketAddr;
+    use std::time::Instant;
+
+    /// Peers of one machine.
+    const OF_ONE: usize = LIMITS.local;
 
     fn served(text: &str) -> SocketAddr {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
@@ -293,7 +196,12 @@ mod tests {
         let gave_way = format!("refused_total{{reason=\"gave way\"}} {}\n", 2 * OF_ONE + 1);
         assert!(told.contains(&gave_way), "{told}");
         assert!(ask(address, b"GET / HTTP/1.1\r\n\r\n").starts_with("HTTP/1.1 404"));
+        assert!(ask(address, b"POST /metrics HTTP/1.1\r\n\r\n").starts_with("HTTP/1.1 405"));
         assert!(ask(address, b"\xff\xff\xff\r\n\r\n").starts_with("HTTP/1.1 400"));
+        let named = ask(address, b"GET /metrics?name=up HTTP/1.0\r\n\r\n");
+        assert!(named.starts_with("HTTP/1.1 200 OK") && named.contains("\nforetrace_up 0\n"), "{named}");
+        let head = ask(address, b"HEAD /metrics HTTP/1.1\r\n\r\n");
+        assert!(head.starts_with("HTTP/1.1 200 OK") && head.ends_with("\r\n\r\n"), "{head}");
         let mut endless = TcpStream::connect(address).unwrap();
         let begin = Instant::now();
         while endless.write_all(&[b'a'; 1024]).is_ok() {
@@ -355,7 +263,7 @@ mod tests {
             }
             assert!(begin.elapsed() < Duration::from_secs(60));
         }
-        assert!(begin.elapsed() >= ASKING);
+        assert!(begin.elapsed() >= HEAD_TIME);
 
         let mut sipping = TcpStream::connect(address).unwrap();
         sipping.write_all(SCRAPE).unwrap();
@@ -368,26 +276,5 @@ mod tests {
         assert!(taken < 64 << 20, "{taken}");
         let told = ask(address, b"GET / HTTP/1.1\r\n\r\n");
         assert!(told.starts_with("HTTP/1.1 404"), "{told}");
-    }
-
-    #[test]
-    fn one_who_has_asked_keeps_its_place_and_one_machine_has_only_its_own() {
-        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
-        let room = Arc::new(Room::default());
-        let line = || {
-            let peer = TcpStream::connect(listener.local_addr().unwrap()).unwrap();
-            let _other = listener.accept().unwrap();
-            peer
-        };
-        let seats: Vec<_> = (0..OF_ONE).map(|_| room.enter(&line()).unwrap()).collect();
-        seats[0].asked();
-        let next = room.enter(&line()).unwrap();
-        let numbers = |room: &Room| room.inside().guests.iter().map(|guest| guest.number).collect::<Vec<_>>();
-        assert_eq!(numbers(&room), [&[0][..], &(2..=OF_ONE as u64).collect::<Vec<_>>()].concat());
-        seats.iter().chain([&next]).for_each(Seat::asked);
-        assert!(room.enter(&line()).is_none());
-        drop((seats, next));
-        let inside = room.inside();
-        assert_eq!((inside.guests.len(), inside.gave_way, inside.turned_away), (0, 1, 1));
     }
 }

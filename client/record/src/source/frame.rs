@@ -1,13 +1,13 @@
 //! What a relay and its listeners say to each other on a Unix socket.
 //!
-//! Contract: a frame is the length of its body (u32), its kind (u32), then the body; numbers are
+//! Contract: a frame is a length (`foretrace_serve::frames`), then a kind (u32) and a body; numbers are
 //! little-endian. Messages are those of shared memory, byte for byte; the greeting names their layouts, so
 //! that two versions never misread each other. Any bytes give frames or an end.
 
-use std::io::{self, ErrorKind, Read as _};
 use std::os::unix::net::UnixStream;
 use std::sync::Arc;
 
+use foretrace_serve::frames::{self, Frames, Over};
 use foretrace_shm::{
     LARGEST_THING_BYTES, Status, Thing, TickInput, TickRecord, Validate, Wire, host_boot_id,
 };
@@ -15,13 +15,15 @@ use foretrace_shm::{
 use super::{Heard, Wants};
 use crate::topics::{thing_bytes, thing_of};
 
-/// Longest body \[bytes\]: a thing with its kind and numbers.
-const LONGEST: usize = LARGEST_THING_BYTES as usize + 64;
-/// Length and kind.
-const HEAD: usize = 8;
+/// Longest frame of a relay \[bytes\]: a thing with its kind and numbers.
+const LONGEST: u32 = LARGEST_THING_BYTES as u32 + 64;
+/// Longest frame of a listener \[bytes\].
+const LONGEST_OF_LISTENER: u32 = 16;
+/// Bytes of a kind.
+const KIND: u32 = 4;
 /// Bytes that one look reads at most, so that a loop of many peers goes on.
 const AT_ONCE: usize = 8 << 20;
-const MAGIC: u64 = u64::from_le_bytes(*b"ftRELAY1");
+const MAGIC: u64 = u64::from_le_bytes(*b"ftRELAY2");
 
 /// Kinds of frames.
 pub(crate) mod kind {
@@ -48,11 +50,7 @@ pub(crate) struct Counts {
 
 /// A frame of `kind`.
 pub(crate) fn framed(kind: u32, body: &[u8]) -> Arc<[u8]> {
-    let mut bytes = Vec::with_capacity(HEAD + body.len());
-    bytes.extend_from_slice(&u32::try_from(body.len()).unwrap_or(u32::MAX).to_le_bytes());
-    bytes.extend_from_slice(&kind.to_le_bytes());
-    bytes.extend_from_slice(body);
-    bytes.into()
+    frames::framed(&[&kind.to_le_bytes(), body]).into()
 }
 
 fn words(words: &[u64]) -> Vec<u8> {
@@ -145,67 +143,31 @@ pub(crate) fn asked(kind: u32, body: &[u8]) -> Option<Asked> {
 /// What came and was not taken yet.
 #[derive(Debug)]
 pub(crate) struct Inbox {
-    bytes: Vec<u8>,
-    at: usize,
-    longest: usize,
+    frames: Frames,
+    at_once: usize,
 }
-
-/// The stream is over, or what came is no frame.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Over;
 
 impl Inbox {
     /// Of frames of a relay.
     pub(crate) const fn of_relay() -> Self {
-        Self { bytes: Vec::new(), at: 0, longest: LONGEST }
+        Self { frames: Frames::new(KIND..=LONGEST), at_once: AT_ONCE }
     }
 
     /// Of frames of a listener, which are short.
     pub(crate) const fn of_listener() -> Self {
-        Self { bytes: Vec::new(), at: 0, longest: 16 }
+        Self { frames: Frames::new(KIND..=LONGEST_OF_LISTENER), at_once: 1024 }
     }
 
     /// Takes in what has come, without waiting.
     pub(crate) fn fill(&mut self, stream: &mut UnixStream) -> Result<(), Over> {
-        self.bytes.drain(..self.at);
-        self.at = 0;
-        let mut room = [0; 1 << 16];
-        let most = AT_ONCE.min(64 * self.longest);
-        let mut came = 0;
-        while came < most {
-            match stream.read(&mut room) {
-                Ok(0) => return Err(Over),
-                Ok(count) => {
-                    self.bytes.extend_from_slice(room.get(..count).unwrap_or_default());
-                    came += count;
-                }
-                Err(error) if waits(&error) => break,
-                Err(_) => return Err(Over),
-            }
-        }
-        Ok(())
+        self.frames.fill(stream, self.at_once)
     }
 
     /// The next whole frame: kind and body.
     pub(crate) fn next_frame(&mut self) -> Result<Option<(u32, &[u8])>, Over> {
-        let mut rest = self.bytes.get(self.at..).unwrap_or_default();
-        let (Some(length), Some(kind)) = (u32::get(&mut rest), u32::get(&mut rest)) else { return Ok(None) };
-        let length = length as usize;
-        if length > self.longest {
-            return Err(Over);
-        }
-        if rest.len() < length {
-            return Ok(None);
-        }
-        let begin = self.at + HEAD;
-        self.at = begin + length;
-        Ok(self.bytes.get(begin..self.at).map(|body| (kind, body)))
+        let frame = self.frames.next_frame()?;
+        Ok(frame.and_then(|mut frame| u32::get(&mut frame).map(|kind| (kind, frame))))
     }
-}
-
-/// Whether `error` only says that there is nothing to be done now.
-pub(crate) fn waits(error: &io::Error) -> bool {
-    matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted | ErrorKind::TimedOut)
 }
 
 #[cfg(test)]
@@ -213,6 +175,9 @@ mod tests {
     use super::*;
     use foretrace_shm::PieceKind;
     use std::io::Write as _;
+
+    /// Where the body of a frame begins.
+    const BODY: usize = 8;
 
     #[test]
     fn every_message_comes_back_from_its_frame_and_forged_ones_are_refused() {
@@ -226,15 +191,15 @@ mod tests {
             Heard::Thing(thing),
         ] {
             let (kind, frame) = frame_of(&heard);
-            match said(kind, &frame[HEAD..]) {
+            match said(kind, &frame[BODY..]) {
                 Some(Said::Heard(came)) => assert_eq!(format!("{came:?}"), format!("{heard:?}")),
                 other => panic!("{heard:?} came as {other:?}"),
             }
-            assert!(said(kind, &frame[HEAD..frame.len() - 1]).is_none() || kind == kind::THING);
+            assert!(said(kind, &frame[BODY..frame.len() - 1]).is_none() || kind == kind::THING);
         }
         let forged = TickInput { mode: 99, ..TickInput::default() };
         let (kind, frame) = frame_of(&Heard::Input(Box::new(forged)));
-        assert!(matches!(said(kind, &frame[HEAD..]), Some(Said::Refused)));
+        assert!(matches!(said(kind, &frame[BODY..]), Some(Said::Refused)));
         assert!(said(99, &[]).is_none());
         assert_eq!(asked(kind::WANTS, &[1, 2]), None);
         assert_eq!(asked(kind::AGAIN, &[]), Some(Asked::Again));
@@ -271,12 +236,12 @@ mod tests {
             drop(to);
             let mut inbox = Inbox::of_relay();
             let over = inbox.fill(&mut from);
-            assert_eq!(over, Err(Over), "the other end is gone");
+            assert_eq!(over, Err(Over::Ended), "the other end is gone");
             loop {
                 match inbox.next_frame() {
                     Ok(Some((kind, body))) => whole += u32::from(said(kind, body).is_some()),
                     Ok(None) => break,
-                    Err(Over) => {
+                    Err(_) => {
                         ended += 1;
                         break;
                     }

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use foretrace_client::Instance;
 
-use super::frame::{Counts, Inbox, Over, Said, framed, hello, kind, said, wants_frame};
+use super::frame::{Counts, Inbox, Said, framed, hello, kind, said, wants_frame};
 use super::{Heard, Wants};
 
 /// Longest wait for a relay's greeting.
@@ -93,7 +93,7 @@ impl Remote {
                     }
                 }
                 Ok(None) => break,
-                Err(Over) => {
+                Err(_) => {
                     self.over = true;
                     break;
                 }

@@ -5,8 +5,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 
-use foretrace_client::gateway_frame::Frame;
 use foretrace_client::{GatewayError, GatewayFeed, PenReading, monotonic_now_ns};
+use foretrace_shm::gateway::Frame;
 
 use super::*;
 

@@ -110,7 +110,8 @@ impl Admission {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gateway_frame::{FRAME_BYTES, Frame, FrameReader};
+    use crate::frames::{Frames, Over};
+    use foretrace_shm::gateway::{BODY_BYTES, FRAME_BYTES, Frame};
 
     const NOW: u64 = 5_000_000_000;
 
@@ -188,7 +189,7 @@ mod tests {
         let (mut now, mut passed, mut refused, mut broken) = (NOW, 0_u64, 0_u64, 0_u64);
         let (rate, burst) = (2000, 50);
         let mut admission = Admission::new(rate, burst, now);
-        let mut reader = FrameReader::default();
+        let mut frames = Frames::new(BODY_BYTES..=BODY_BYTES);
         let mut last = 0;
         for _ in 0..cases {
             now += dice() >> 46;
@@ -199,14 +200,18 @@ mod tests {
                     if dice() >> 60 == 0 { 0 } else { 16 } + (dice() >> 33) as usize % (FRAME_BYTES - 16);
                 bytes[at] = (dice() >> 40) as u8;
             }
-            let frame = match reader.next(&mut bytes.as_slice()) {
-                Ok(Some(frame)) => frame,
-                Ok(None) => unreachable!("a whole frame was given"),
-                Err(_) => {
-                    broken += 1;
-                    reader = FrameReader::default();
-                    continue;
+            frames.read_once(&mut bytes.as_slice()).unwrap();
+            let frame = match frames.next_frame() {
+                Ok(body) => Frame::decode(body.expect("a whole frame was given")).ok(),
+                Err(over) => {
+                    assert!(matches!(over, Over::Length(length) if length != BODY_BYTES));
+                    None
                 }
+            };
+            let Some(frame) = frame else {
+                broken += 1;
+                frames = Frames::new(BODY_BYTES..=BODY_BYTES);
+                continue;
             };
             match admission.judge(&frame.0, now) {
                 Ok(()) => {

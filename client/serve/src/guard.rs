@@ -1,0 +1,202 @@
+//! Who may come in: the token, and the hosts and origins that are a server's own.
+//!
+//! Contract: pure but for the making of a token. A page of another site that the browser is made to open has
+//! another origin, and a name that was made to point here has another host: both are refused. Programs that
+//! are not browsers send no origin.
+
+use std::io::{self, Read};
+use std::net::{IpAddr, SocketAddr};
+
+/// Bytes of a token.
+const TOKEN_BYTES: usize = 16;
+
+/// What a peer has to present before it may control anything. Made anew at each start.
+#[derive(Clone, PartialEq, Eq)]
+pub struct Token(String);
+
+impl std::fmt::Debug for Token {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("Token(..)")
+    }
+}
+
+impl Token {
+    /// A token of 128 random bits.
+    ///
+    /// # Errors
+    ///
+    /// The system gives no random numbers.
+    pub fn random() -> io::Result<Self> {
+        let mut bytes = [0; TOKEN_BYTES];
+        std::fs::File::open("/dev/urandom")?.read_exact(&mut bytes)?;
+        Ok(Self(bytes.iter().map(|byte| format!("{byte:02x}")).collect()))
+    }
+
+    /// Its text: 32 hexadecimal digits, for the address that is printed.
+    #[must_use]
+    pub fn text(&self) -> &str {
+        &self.0
+    }
+
+    /// Whether `presented` is it; takes as long whatever differs.
+    #[must_use]
+    pub fn is(&self, presented: &str) -> bool {
+        let differs = self.0.bytes().zip(presented.bytes()).fold(0, |sum, (a, b)| sum | (a ^ b));
+        self.0.len() == presented.len() && differs == 0
+    }
+}
+
+/// The hosts under which a server may be asked for, and the origins of the pages that may talk to it.
+#[derive(Debug, Clone)]
+pub struct Guard {
+    scheme: &'static str,
+    hosts: Vec<String>,
+    /// Every literal address with this port is a host too.
+    any_address: Option<u16>,
+    /// Beside pages of the server's own hosts.
+    origins: Vec<String>,
+    /// Pages of this machine at any port may talk to it.
+    local_pages: bool,
+}
+
+impl Guard {
+    /// Of a server in the clear on the loopback address, at `port`.
+    #[must_use]
+    pub fn local(port: u16) -> Self {
+        let hosts = ["127.0.0.1", "localhost"].map(|host| format!("{host}:{port}")).to_vec();
+        Self { scheme: "http://", hosts, any_address: None, origins: Vec::new(), local_pages: false }
+    }
+
+    /// Of a server under TLS at these addresses and these names of this machine.
+    #[must_use]
+    pub fn secure(at: &[SocketAddr], names: &[String]) -> Self {
+        let port = at.first().map_or(0, SocketAddr::port);
+        let named = names.iter().map(|name| format!("{name}:{port}"));
+        let hosts = also_without(":443", at.iter().map(ToString::to_string).chain(named).collect());
+        Self { scheme: "https://", hosts, any_address: None, origins: Vec::new(), local_pages: false }
+    }
+
+    /// Of a server in the clear that listens at `at`, for pages of this machine and of `origins`. Where `at`
+    /// is not loopback, any literal address may be this machine's; names other than localhost may be made to
+    /// point here, and are refused.
+    #[must_use]
+    pub fn of_pages(at: SocketAddr, origins: Vec<String>) -> Self {
+        let port = at.port();
+        let hosts = ["127.0.0.1", "[::1]", "localhost"].map(|host| format!("{host}:{port}"));
+        let hosts = also_without(":80", hosts.to_vec());
+        let any_address = (!at.ip().is_loopback()).then_some(port);
+        Self { scheme: "http://", hosts, any_address, origins, local_pages: true }
+    }
+
+    /// Whether the `Host` of a request is this server's.
+    #[must_use]
+    pub fn is_host(&self, host: &str) -> bool {
+        self.is_listed(host)
+            || self.any_address.is_some_and(|port| {
+                let (name, asked) = host.rsplit_once(':').unwrap_or((host, "80"));
+                let literal = name.trim_start_matches('[').trim_end_matches(']').parse::<IpAddr>();
+                literal.is_ok() && asked.parse() == Ok(port)
+            })
+    }
+
+    fn is_listed(&self, host: &str) -> bool {
+        self.hosts.iter().any(|known| known.eq_ignore_ascii_case(host))
+    }
+
+    /// Whether pages of `origin` may talk to this server.
+    #[must_use]
+    pub fn is_origin(&self, origin: &str) -> bool {
+        let own = origin.strip_prefix(self.scheme).is_some_and(|host| self.is_listed(host));
+        let page = origin.strip_prefix("http://").or_else(|| origin.strip_prefix("https://"));
+        let name = page.map(|host| host.split(':').next().unwrap_or_default());
+        own || self.origins.iter().any(|known| known == origin)
+            || self.local_pages && name.is_some_and(|name| name == "localhost" || name == "127.0.0.1")
+    }
+}
+
+/// `hosts`, and those that name the usual port also without it: browsers leave it out.
+fn also_without(usual: &str, mut hosts: Vec<String>) -> Vec<String> {
+    let without: Vec<_> =
+        hosts.iter().filter_map(|host| host.strip_suffix(usual)).map(str::to_owned).collect();
+    hosts.extend(without);
+    hosts
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tokens_differ_and_only_the_whole_one_is_it() {
+        let (one, two) = (Token::random().unwrap(), Token::random().unwrap());
+        assert_ne!(one, two);
+        assert_eq!(one.text().len(), 2 * TOKEN_BYTES);
+        assert!(one.is(one.text()));
+        for wrong in ["", &one.text()[1..], &format!("{}0", one.text()), two.text()] {
+            assert!(!one.is(wrong), "{wrong}");
+        }
+        assert!(!format!("{one:?}").contains(one.text()));
+    }
+
+    #[test]
+    fn only_names_of_this_machine_with_this_port_are_its_own() {
+        let guard = Guard::local(8420);
+        for host in ["127.0.0.1:8420", "localhost:8420", "LOCALHOST:8420"] {
+            assert!(guard.is_host(host) && guard.is_origin(&format!("http://{host}")), "{host}");
+        }
+        for host in [
+            "",
+            "localhost",
+            "localhost:80",
+            "[::1]:8420",
+            "evil.example:8420",
+            "127.0.0.1:8420.evil",
+            "127.0.0.2:8420",
+        ] {
+            assert!(!guard.is_host(host) && !guard.is_origin(&format!("http://{host}")), "{host}");
+        }
+        for origin in ["", "null", "https://localhost:8420", "http://localhost:8420/", "file://"] {
+            assert!(!guard.is_origin(origin), "{origin}");
+        }
+    }
+
+    #[test]
+    fn under_tls_only_the_addresses_and_names_that_it_was_started_on_are_its_own() {
+        let at = ["127.0.0.1:8420", "192.0.2.2:8420", "[fd00::2]:8420"].map(|at| at.parse().unwrap());
+        let guard = Guard::secure(&at, &["localhost".to_owned(), "desk".to_owned()]);
+        for host in ["192.0.2.2:8420", "[fd00::2]:8420", "Desk:8420", "localhost:8420"] {
+            assert!(guard.is_host(host) && guard.is_origin(&format!("https://{host}")), "{host}");
+            assert!(!guard.is_origin(&format!("http://{host}")), "{host}");
+        }
+        for host in ["192.0.2.3:8420", "192.0.2.2", "desk", "desk.evil.example:8420"] {
+            assert!(!guard.is_host(host) && !guard.is_origin(&format!("https://{host}")), "{host}");
+        }
+        assert!(Guard::secure(&["192.0.2.2:443".parse().unwrap()], &[]).is_host("192.0.2.2"));
+    }
+
+    #[test]
+    fn a_server_for_pages_knows_this_machine_only_and_lets_pages_of_it_and_of_a_list_talk() {
+        let guard =
+            Guard::of_pages("127.0.0.1:8765".parse().unwrap(), vec!["https://mine.example".to_owned()]);
+        for host in ["127.0.0.1:8765", "LOCALHOST:8765", "[::1]:8765"] {
+            assert!(guard.is_host(host), "{host}");
+        }
+        for host in
+            ["", "localhost", "localhost:80", "evil.example:8765", "127.0.0.1.evil:8765", "10.0.0.1:8765"]
+        {
+            assert!(!guard.is_host(host), "{host}");
+        }
+        for origin in ["http://localhost:8080", "https://localhost", "https://mine.example"] {
+            assert!(guard.is_origin(origin), "{origin}");
+        }
+        for origin in
+            ["null", "", "https://evil.example", "http://localhost.evil.example", "http://127.0.0.10"]
+        {
+            assert!(!guard.is_origin(origin), "{origin}");
+        }
+        let open = Guard::of_pages("0.0.0.0:8765".parse().unwrap(), Vec::new());
+        assert!(open.is_host("192.0.2.7:8765") && open.is_host("[fd00::2]:8765"));
+        assert!(!open.is_host("evil.example:8765") && !open.is_host("192.0.2.7:80"));
+        assert!(!open.is_origin("http://192.0.2.7:8765"), "any machine may have a page there");
+    }
+}
