@@ -32,7 +32,12 @@ ROOMS = {
         "certificate", "wire", "keys", "page", "message", "board", "scene", "frame", "hold", "orders", "stops", "hand",
         "link", "session", "server",
     ],
-    "client/ur/src": ["rtde", "primary", "dashboard", "echo", "script", "bridge", "controller"],
+    "client/ur/src": ["rtde", "primary", "dashboard", "bridge"],
+    "client/ur-sim/src": [
+        "script", "options", "kinematics", "inverse", "motion", "safety", "inputs", "current", "robot", "names", "machine", "motion_calls",
+        "arrival", "world", "outputs", "outbox", "rtde_server", "streams", "dashboard_server", "trouble", "faults", "network", "listen",
+        "control", "echo",
+    ],
 }
 # Columns of a line of Rust, and the files whose long lines are data: strokes, style sheets, the documents' snippets.
 WIDTH = 110
@@ -90,7 +95,8 @@ def layers_point_downwards() -> None:
         "foretrace-sim": {"foretrace-config", "foretrace-control"},
         "foretrace-tablet": {"foretrace-client"},
         "foretrace-console": {"foretrace-client", "foretrace-serve", "foretrace-config", "foretrace-control"},
-        "foretrace-ur": {"foretrace-config", "foretrace-control", "foretrace-client", "foretrace-sim"},
+        "foretrace-ur": {"foretrace-config", "foretrace-control", "foretrace-client"},
+        "foretrace-ur-sim": {"foretrace-config", "foretrace-control", "foretrace-sim", "foretrace-ur"},
         "foretrace-record": {"foretrace-shm", "foretrace-config", "foretrace-control", "foretraced", "foretrace-client", "foretrace-serve", "foretrace-sim"},
         "foretrace-lab": {"foretrace-config", "foretrace-control", "foretrace-sim"},
     }

@@ -52,8 +52,8 @@ for series in "cb3 125 127.0.0.21" "e 500 127.0.0.22"; do
   timeout 300 "$venv/bin/python" "$here/beside.py" "$address" "$rate" "$FORETRACE" "$scratch/$name" ||
     broken=$((broken + $?))
 done
-"$venv/bin/python" client/ur/tests/script/others.py "$scratch/scripts" ${FORETRACE_URCL:+"$FORETRACE_URCL"}
-FORETRACE_UR_SCRIPTS=$scratch/scripts cargo test --locked -p foretrace-ur --test script -- others:: ||
+"$venv/bin/python" client/ur-sim/tests/script/others.py "$scratch/scripts" ${FORETRACE_URCL:+"$FORETRACE_URCL"}
+FORETRACE_UR_SCRIPTS=$scratch/scripts cargo test --locked -p foretrace-ur-sim --test script -- others:: ||
   broken=$((broken + 1))
 echo "ur: $broken claims broken"
 [[ $broken == 0 ]]

@@ -2,7 +2,7 @@
 
 use std::net::{SocketAddr, TcpListener};
 
-use foretrace_ur::echo;
+use foretrace_ur_sim::echo;
 
 use crate::failure::Failure;
 use crate::interrupt::Interrupt;

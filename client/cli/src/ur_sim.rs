@@ -7,8 +7,8 @@ use std::f64::consts::TAU;
 use std::net::{IpAddr, Ipv4Addr};
 use std::time::{Duration, Instant};
 
-use foretrace_ur::controller::{Controller, Options, Series, Service};
 use foretrace_ur::rtde::ControllerVersion;
+use foretrace_ur_sim::{Controller, Options, Series, Service};
 use serde::Serialize;
 
 use crate::arm::options::JointArgs;

@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 pub const PORT: u16 = 29999;
 
 /// The end of the version of a `foretrace ur-sim`, and of no other controller.
-pub(crate) const SIMULATED: &str = "(simulated)";
+pub const SIMULATED: &str = "(simulated)";
 
 /// Longest line that is read.
 const LONGEST_LINE: usize = 1024;

@@ -26,5 +26,3 @@ pub mod examine;
 mod fake;
 #[cfg(test)]
 mod tests;
-#[cfg(test)]
-mod script_tests;

@@ -1,9 +1,5 @@
 //! The bridge over sockets, against the stand-in.
 
-mod scene;
-mod sockets;
-mod world;
-
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpListener};
 use std::thread;

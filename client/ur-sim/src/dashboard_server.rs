@@ -1,0 +1,184 @@
+//! What the dashboard (port 29999) answers, line by line.
+//!
+//! *Source*: dashboard server guides of CB3 and e-Series. PolyScope's files do not exist here: nothing can be
+//! loaded.
+
+use super::options::Series;
+use super::safety::RobotMode;
+use super::world::{Runtime, World};
+use foretrace_ur::dashboard::SIMULATED;
+
+/// The first line of a connection.
+pub const GREETING: &str = "Connected: Universal Robots Dashboard Server";
+
+/// What comes of a command.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Answer {
+    /// A line.
+    Line(String),
+    /// A line, then the connection ends.
+    Last(String),
+}
+
+/// Commands that remote control is needed for, where the series knows it.
+const REMOTE_ONLY: [&str; 8] = [
+    "play",
+    "stop",
+    "pause",
+    "power on",
+    "power off",
+    "brake release",
+    "unlock protective stop",
+    "restart safety",
+];
+
+/// Answers `command`.
+pub fn answer(world: &mut World, command: &str) -> Answer {
+    let series = world.robot.options.series;
+    let version = world.robot.options.version;
+    let since = |major, minor| (version.major, version.minor) >= (major, minor);
+    let failed = || format!("Failed to execute: {command}");
+    let (first, argument) = command.split_once(' ').unwrap_or((command, ""));
+    if series == Series::E && !world.remote && (REMOTE_ONLY.contains(&command) || first == "load") {
+        return Answer::Line(failed());
+    }
+    let runtime = world.runtime();
+    let name = match world.program_name() {
+        "" => "<unnamed>".to_owned(),
+        name => format!("{name}.urp"),
+    };
+    Answer::Line(match command {
+        "quit" => return Answer::Last("Disconnected".to_owned()),
+        "shutdown" => {
+            world.power_off();
+            return Answer::Last("Shutting down".to_owned());
+        }
+        "robotmode" => format!("Robotmode: {}", world.robot.mode.word()),
+        "safetymode" => format!("Safetymode: {}", world.robot.safety.word()),
+        "safetystatus" => format!("Safetystatus: {}", world.robot.safety.word()),
+        "running" => format!("Program running: {}", runtime == Runtime::Playing),
+        "programState" => match runtime {
+            Runtime::Stopped => format!("STOPPED {name}"),
+            Runtime::Pausing | Runtime::Paused => format!("PAUSED {name}"),
+            Runtime::Playing | Runtime::Resuming => format!("PLAYING {name}"),
+        },
+        "get loaded program" if world.program_name().is_empty() => "No program loaded".to_owned(),
+        "get loaded program" => format!("Loaded program: /programs/{name}"),
+        "isProgramSaved" => format!("true {name}"),
+        "PolyscopeVersion" => format!("URSoftware {version} {SIMULATED}"),
+        "version" => version.to_string(),
+        "get robot model" => series.model().to_owned(),
+        "get serial number" if since(5, 6) => "20201234567".to_owned(),
+        "is in remote control" if since(5, 6) => world.remote.to_string(),
+        "get operational mode" if since(5, 6) => "NONE".to_owned(),
+        "close popup" => "closing popup".to_owned(),
+        "close safety popup" => "closing safety popup".to_owned(),
+        "power on" => {
+            world.power_on();
+            "Powering on".to_owned()
+        }
+        "power off" => {
+            world.power_off();
+            "Powering off".to_owned()
+        }
+        "brake release" => {
+            if world.robot.mode == RobotMode::PowerOff {
+                return Answer::Line(failed());
+            }
+            world.brake_release();
+            "Brake releasing".to_owned()
+        }
+        "play" if world.play() => "Starting program".to_owned(),
+        "stop" if runtime != Runtime::Stopped => {
+            world.stop();
+            "Stopped".to_owned()
+        }
+        "pause" if world.pause() => "Pausing program".to_owned(),
+        "play" | "stop" | "pause" => failed(),
+        "unlock protective stop" => {
+            let cycle = world.robot.cycle;
+            match world.robot.safety.unlock(cycle) {
+                Ok(()) => "Protective stop releasing".to_owned(),
+                Err(why) => why.to_owned(),
+            }
+        }
+        "restart safety" => {
+            world.restart_safety();
+            "Restarting safety".to_owned()
+        }
+        _ => match first {
+            "load" => format!("File not found: {argument}"),
+            "popup" => "showing popup".to_owned(),
+            "addToLog" => "Added log message".to_owned(),
+            _ => format!("could not understand: '{command}'"),
+        },
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::options::Options;
+
+    fn line(world: &mut World, command: &str) -> String {
+        match answer(world, command) {
+            Answer::Line(line) | Answer::Last(line) => line,
+        }
+    }
+
+    #[test]
+    fn power_up_goes_as_clients_do_it() {
+        let mut world = World::new(Options { running: false, ..Options::new(Series::E) });
+        assert_eq!(line(&mut world, "robotmode"), "Robotmode: POWER_OFF");
+        assert_eq!(line(&mut world, "brake release"), "Failed to execute: brake release");
+        assert_eq!(line(&mut world, "power on"), "Powering on");
+        (0..300).for_each(|_| world.cycle());
+        assert_eq!(line(&mut world, "robotmode"), "Robotmode: IDLE");
+        assert_eq!(line(&mut world, "brake release"), "Brake releasing");
+        (0..300).for_each(|_| world.cycle());
+        assert_eq!(line(&mut world, "robotmode"), "Robotmode: RUNNING");
+        assert_eq!(line(&mut world, "play"), "Failed to execute: play");
+    }
+
+    #[test]
+    fn a_program_is_played_paused_and_stopped() {
+        let mut world = World::new(Options::new(Series::Cb3));
+        world.take_script("def p():\n  while True:\n    sync()\n  end\nend\n");
+        assert_eq!(line(&mut world, "programState"), "PLAYING p.urp");
+        assert_eq!(line(&mut world, "running"), "Program running: true");
+        assert_eq!(line(&mut world, "pause"), "Pausing program");
+        (0..100).for_each(|_| world.cycle());
+        assert_eq!(line(&mut world, "programState"), "PAUSED p.urp");
+        assert_eq!(line(&mut world, "play"), "Starting program");
+        assert_eq!(line(&mut world, "stop"), "Stopped");
+        assert_eq!(line(&mut world, "programState"), "STOPPED p.urp");
+        assert_eq!(line(&mut world, "stop"), "Failed to execute: stop");
+    }
+
+    #[test]
+    fn e_series_in_local_control_obeys_the_pendant_only() {
+        let mut world = World::new(Options::new(Series::E));
+        world.remote = false;
+        assert_eq!(line(&mut world, "is in remote control"), "false");
+        assert_eq!(line(&mut world, "power off"), "Failed to execute: power off");
+        assert_eq!(line(&mut world, "robotmode"), "Robotmode: RUNNING");
+        world.take_script("def p():\n  sync()\nend\n");
+        assert_eq!(world.runtime(), Runtime::Stopped);
+    }
+
+    #[test]
+    fn older_software_does_not_know_what_came_later() {
+        let mut options = Options::new(Series::E);
+        options.version.minor = 4;
+        let mut world = World::new(options);
+        assert_eq!(line(&mut world, "version"), "5.4.1.108318");
+        assert!(line(&mut world, "is in remote control").starts_with("could not understand"));
+    }
+
+    #[test]
+    fn cb3_does_not_know_what_came_with_e_series() {
+        let mut world = World::new(Options::new(Series::Cb3));
+        assert!(line(&mut world, "is in remote control").starts_with("could not understand"));
+        assert!(line(&mut world, "").starts_with("could not understand"));
+    }
+}

@@ -1,0 +1,166 @@
+//! What a simulated controller is: series, address, ports, calibration.
+
+use std::f64::consts::{FRAC_PI_2, PI};
+use std::net::{IpAddr, Ipv4Addr};
+
+use foretrace_sim::arm::Mechanics;
+
+use foretrace_ur::rtde::ControllerVersion;
+
+/// The series.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Series {
+    /// CB3, software 3.15, 125 Hz, a UR5.
+    Cb3,
+    /// e-Series, software 5.11, 500 Hz, a UR5e.
+    E,
+}
+
+impl Series {
+    /// Control cycle \[s\].
+    #[must_use]
+    pub const fn cycle_s(self) -> f64 {
+        match self {
+            Self::Cb3 => 0.008,
+            Self::E => 0.002,
+        }
+    }
+
+    /// Control rate \[Hz\].
+    #[must_use]
+    pub const fn rate_hz(self) -> u32 {
+        match self {
+            Self::Cb3 => 125,
+            Self::E => 500,
+        }
+    }
+
+    /// Its usual software.
+    #[must_use]
+    pub const fn version(self) -> ControllerVersion {
+        match self {
+            Self::Cb3 => ControllerVersion { major: 3, minor: 15, bugfix: 8, build: 106_339 },
+            Self::E => ControllerVersion { major: 5, minor: 11, bugfix: 1, build: 108_318 },
+        }
+    }
+
+    /// The arm's name on the dashboard.
+    #[must_use]
+    pub const fn model(self) -> &'static str {
+        "UR5"
+    }
+}
+
+/// A service behind a port.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Service {
+    /// 29999
+    Dashboard,
+    /// 30001
+    Primary,
+    /// 30002
+    Secondary,
+    /// 30003
+    RealTime,
+    /// 30004
+    Rtde,
+    /// 30011: primary without scripts.
+    PrimaryReadOnly,
+    /// 30012: secondary without scripts.
+    SecondaryReadOnly,
+    /// 30013: real-time without scripts.
+    RealTimeReadOnly,
+    /// 30020: faults on request, which no real controller has.
+    Faults,
+}
+
+impl Service {
+    /// All of them.
+    pub const ALL: [Self; 9] = [
+        Self::Dashboard,
+        Self::Primary,
+        Self::Secondary,
+        Self::RealTime,
+        Self::Rtde,
+        Self::PrimaryReadOnly,
+        Self::SecondaryReadOnly,
+        Self::RealTimeReadOnly,
+        Self::Faults,
+    ];
+
+    /// Its port on a real controller.
+    #[must_use]
+    pub const fn port(self) -> u16 {
+        match self {
+            Self::Dashboard => 29999,
+            Self::Primary => 30001,
+            Self::Secondary => 30002,
+            Self::RealTime => 30003,
+            Self::Rtde => 30004,
+            Self::PrimaryReadOnly => 30011,
+            Self::SecondaryReadOnly => 30012,
+            Self::RealTimeReadOnly => 30013,
+            Self::Faults => 30020,
+        }
+    }
+
+    /// Its name in the fault protocol.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Dashboard => "dashboard",
+            Self::Primary => "primary",
+            Self::Secondary => "secondary",
+            Self::RealTime => "real-time",
+            Self::Rtde => "rtde",
+            Self::PrimaryReadOnly => "primary-read-only",
+            Self::SecondaryReadOnly => "secondary-read-only",
+            Self::RealTimeReadOnly => "real-time-read-only",
+            Self::Faults => "faults",
+        }
+    }
+}
+
+/// A simulated controller.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Options {
+    /// The series.
+    pub series: Series,
+    /// Its software: what RTDE, dashboard and port 30001 say, and which fields there are.
+    pub version: ControllerVersion,
+    /// Where it listens.
+    pub bind: IpAddr,
+    /// Ports that the system gives instead of those of a real controller.
+    pub ephemeral_ports: bool,
+    /// Where the joints are at first \[rad\].
+    pub q: [f64; 6],
+    /// By how much the flange is off the nominal kinematics at `q` \[m\]; 0 for a nominal arm.
+    pub calibration_error_m: f64,
+    /// Of the calibration.
+    pub seed: u64,
+    /// Power on, brakes released; else power off.
+    pub running: bool,
+    /// Damping ratio of `servoj`, 1: critical; what its gain makes of it on a real arm is not modelled.
+    pub damping: f64,
+    /// Friction, gain, backlash, sag and encoder steps of the arm.
+    pub mechanics: Mechanics,
+}
+
+impl Options {
+    /// A running, nominal arm at the presets' home, on 127.0.0.1 and the real ports.
+    #[must_use]
+    pub const fn new(series: Series) -> Self {
+        Self {
+            series,
+            version: series.version(),
+            bind: IpAddr::V4(Ipv4Addr::LOCALHOST),
+            ephemeral_ports: false,
+            q: [PI, -1.3, 1.8, -2.0708, -FRAC_PI_2, 0.0],
+            calibration_error_m: 0.0,
+            seed: 1,
+            running: true,
+            damping: 1.0,
+            mechanics: Mechanics::IDEAL,
+        }
+    }
+}

@@ -1,0 +1,463 @@
+//! The controller's state behind one lock: robot, inputs, registers, program, log. One call is one control
+//! cycle.
+
+use std::collections::{BTreeMap, VecDeque};
+
+use super::arrival::{Arrival, MOST_ARRIVALS};
+use super::inputs::Inputs;
+use super::machine::{Away, Hands, MOST_SAID, Registers, Watchdog};
+use super::motion::Motion;
+use super::options::Options;
+use super::robot::Robot;
+use super::safety::{RobotMode, Stopped};
+use crate::script::{Program, Progress, Run, ScriptError, ThreadId};
+use foretrace_ur::primary::Said;
+use foretrace_ur::rtde::Value;
+
+/// Longest name of a program that is kept \[characters\].
+const LONGEST_NAME: usize = 100;
+
+/// RTDE's `runtime_state`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Runtime {
+    /// 1
+    Stopped,
+    /// 2
+    Playing,
+    /// 3
+    Pausing,
+    /// 4
+    Paused,
+    /// 5
+    Resuming,
+}
+
+impl Runtime {
+    /// RTDE's number.
+    #[must_use]
+    pub const fn number(self) -> u32 {
+        match self {
+            Self::Stopped => 1,
+            Self::Playing => 2,
+            Self::Pausing => 3,
+            Self::Paused => 4,
+            Self::Resuming => 5,
+        }
+    }
+}
+
+/// A program that runs or is paused.
+#[derive(Debug)]
+struct Running {
+    run: Run,
+    name: String,
+}
+
+/// Everything that a controller knows.
+#[derive(Debug)]
+pub struct World {
+    /// The robot.
+    pub robot: Robot,
+    /// Input variables of RTDE.
+    pub inputs: Inputs,
+    /// Output registers.
+    pub registers: Registers,
+    /// In remote control: scripts and dashboard commands that move the robot are taken.
+    pub remote: bool,
+    /// Messages that wait for ports 30001 and 30002.
+    pub said: VecDeque<Said>,
+    program: Option<Running>,
+    /// The program that was sent last, for `play`.
+    loaded: Option<(Program, String)>,
+    /// Whose place another program took.
+    retired: Option<Program>,
+    /// What has come and was not looked at yet.
+    arrivals: VecDeque<Arrival>,
+    watchdogs: Vec<Watchdog>,
+    waits: BTreeMap<ThreadId, u64>,
+    mover: Option<ThreadId>,
+    told: Option<Stopped>,
+}
+
+impl World {
+    /// A controller that has booted.
+    #[must_use]
+    pub fn new(options: Options) -> Self {
+        let version = options.version;
+        Self {
+            robot: Robot::new(options),
+            inputs: Inputs::new((version.major, version.minor)),
+            registers: Registers::default(),
+            remote: true,
+            said: VecDeque::new(),
+            program: None,
+            loaded: None,
+            retired: None,
+            arrivals: VecDeque::new(),
+            watchdogs: Vec::new(),
+            waits: BTreeMap::new(),
+            mover: None,
+            told: None,
+        }
+    }
+
+    /// RTDE's `runtime_state`.
+    #[must_use]
+    pub fn runtime(&self) -> Runtime {
+        if self.program.is_none() {
+            return Runtime::Stopped;
+        }
+        let scaling = self.robot.speed_scaling;
+        match self.robot.paused {
+            true if scaling > 0.0 => Runtime::Pausing,
+            true => Runtime::Paused,
+            false if scaling < self.robot.slider => Runtime::Resuming,
+            false => Runtime::Playing,
+        }
+    }
+
+    /// Name of the running program, else of the one that was sent last.
+    #[must_use]
+    pub fn program_name(&self) -> &str {
+        let loaded = || self.loaded.as_ref().map_or("", |(_, name)| name);
+        self.program.as_ref().map_or_else(loaded, |running| &running.name)
+    }
+
+    /// The line at which the program is, from 1; 0 without one.
+    #[must_use]
+    pub fn line(&self) -> u32 {
+        self.program.as_ref().map_or(0, |running| running.run.line())
+    }
+
+    /// A message for the log and the primary interface.
+    pub fn say(&mut self, said: Said) {
+        if self.said.len() < MOST_SAID {
+            self.said.push_back(said);
+        }
+    }
+
+    fn fail(&mut self, error: ScriptError) {
+        let number = |number: u32| i32::try_from(number).unwrap_or(i32::MAX);
+        let (line, column) = (number(error.line), number(error.column));
+        self.say(Said::RuntimeException { line, column, text: error.message });
+    }
+
+    /// Lends the robot to a program.
+    fn lend<T>(&mut self, program: impl FnOnce(&mut Hands<'_>) -> T) -> T {
+        let mut hands = Hands {
+            robot: &mut self.robot,
+            inputs: &self.inputs,
+            registers: &mut self.registers,
+            watchdogs: &mut self.watchdogs,
+            waits: &mut self.waits,
+            mover: &mut self.mover,
+            said: &mut self.said,
+            spent: 0,
+        };
+        program(&mut hands)
+    }
+
+    /// Something has come: it is obeyed in one of the next cycles, at most one program a cycle. Gives it back
+    /// where too much waits already.
+    ///
+    /// # Errors
+    ///
+    /// The arrival.
+    pub fn arrive(&mut self, arrival: Arrival) -> Result<(), Arrival> {
+        if self.arrivals.len() >= MOST_ARRIVALS {
+            return Err(arrival);
+        }
+        self.arrivals.push_back(arrival);
+        Ok(())
+    }
+
+    /// Takes a text from a port at once: a program takes the place of the one that runs.
+    pub fn take_script(&mut self, text: &str) {
+        self.obey(Arrival::read(text));
+    }
+
+    /// In local control a controller obeys its pendant only, in plain lines as in programs.
+    fn obey(&mut self, arrival: Arrival) {
+        if !self.remote {
+            self.say(Said::Text("Refused: the robot is not in remote control".to_owned()));
+            return;
+        }
+        match arrival {
+            Arrival::Stop => self.stop(),
+            Arrival::Pause => {
+                self.pause();
+            }
+            Arrival::Resume => {
+                self.play();
+            }
+            Arrival::PowerOn => self.power_on(),
+            Arrival::Script(Err(error)) => self.fail(error),
+            Arrival::Script(Ok(program)) if program.is_secondary() => {
+                self.run_beside(&program);
+                self.retired = Some(program);
+            }
+            Arrival::Script(Ok(program)) => {
+                let name = if program.name().is_empty() { "script" } else { program.name() };
+                let name = name.chars().take(LONGEST_NAME).collect();
+                self.retired = self.loaded.replace((program, name)).map(|(program, _)| program);
+                self.start();
+            }
+        }
+    }
+
+    /// A program that is of no use any more.
+    pub fn retired(&mut self) -> Option<Program> {
+        self.retired.take()
+    }
+
+    /// A secondary program: done within this cycle, beside the program that runs.
+    fn run_beside(&mut self, program: &Program) {
+        let result = self.lend(|hands| {
+            let mut run = Run::new(program, hands)?;
+            match run.cycle(hands) {
+                Progress::Failed(error) => Err(error),
+                Progress::Running | Progress::Finished => Ok(()),
+            }
+        });
+        if let Err(error) = result {
+            self.fail(error);
+        }
+    }
+
+    /// Starts the program that was sent last, or lets the paused one go on; whether there is one and it may
+    /// run.
+    pub fn play(&mut self) -> bool {
+        if self.robot.paused && self.program.is_some() {
+            self.robot.paused = !self.robot.ready();
+            return self.robot.ready();
+        }
+        self.start()
+    }
+
+    fn start(&mut self) -> bool {
+        let Some((program, name)) = self.loaded.clone() else { return false };
+        self.stop();
+        if !self.robot.ready() {
+            self.say(Said::Text("The program cannot start: the robot is not ready".to_owned()));
+            return false;
+        }
+        match self.lend(|hands| Run::new(&program, hands)) {
+            Err(error) => {
+                self.fail(error);
+                false
+            }
+            Ok(run) => {
+                let said = |title: &str| Said::Key {
+                    code: 0,
+                    argument: 0,
+                    title: title.to_owned(),
+                    text: name.clone(),
+                };
+                self.say(said("PROGRAM_XXX_STARTED"));
+                self.program = Some(Running { run, name });
+                true
+            }
+        }
+    }
+
+    /// Pauses the program, if one runs.
+    pub fn pause(&mut self) -> bool {
+        self.robot.paused |= self.program.is_some();
+        self.program.is_some()
+    }
+
+    /// Stops the program; the arm brakes.
+    pub fn stop(&mut self) {
+        if let Some(mut running) = self.program.take() {
+            self.lend(|hands| running.run.stop(hands));
+            self.over(&running.name);
+        }
+    }
+
+    fn over(&mut self, name: &str) {
+        self.watchdogs.clear();
+        self.waits.clear();
+        self.robot.paused = false;
+        self.robot.brake(4.0);
+        let title = "PROGRAM_XXX_STOPPED".to_owned();
+        self.say(Said::Key { code: 0, argument: 0, title, text: name.to_owned() });
+    }
+
+    /// As after a reboot: no program, and what [`Robot::reboot`] says.
+    pub fn reboot(&mut self) {
+        let mut again = Self::new(self.robot.options);
+        self.robot.reboot();
+        std::mem::swap(&mut again.robot, &mut self.robot);
+        again.remote = self.remote;
+        *self = again;
+    }
+
+    /// Power on, in steps of its own time.
+    pub fn power_on(&mut self) {
+        if self.robot.mode == RobotMode::PowerOff && self.robot.safety.lets_power_on() {
+            self.robot.mode = RobotMode::PowerOn { until: None };
+        }
+    }
+
+    /// Releases the brakes; powers on where needed is an act of its own.
+    pub fn brake_release(&mut self) {
+        if matches!(self.robot.mode, RobotMode::Idle | RobotMode::PowerOn { .. }) {
+            self.robot.mode = RobotMode::Releasing { until: None };
+        }
+    }
+
+    /// Power off; the program ends.
+    pub fn power_off(&mut self) {
+        self.stop();
+        self.robot.power_off();
+    }
+
+    /// An operator has looked and restarts the safety system: power off, violations and faults are over.
+    pub fn restart_safety(&mut self) {
+        self.power_off();
+        self.robot.safety.breach = None;
+    }
+
+    /// The drives give way to a hand, or hold the arm again with closed brakes.
+    pub fn backdrive(&mut self, on: bool) -> bool {
+        let was = self.robot.mode;
+        if was == RobotMode::PowerOff || on == (was == RobotMode::Backdrive) {
+            return false;
+        }
+        self.stop();
+        self.robot.mode = if on { RobotMode::Backdrive } else { RobotMode::Idle };
+        self.robot.halt();
+        true
+    }
+
+    /// Does what the input `name` asks for, if it is no register: the slider, digital and analog outputs,
+    /// where their mask says so.
+    pub fn apply_input(&mut self, name: &str) {
+        let inputs = &self.inputs;
+        let word = |name: &str| inputs.value(name).and_then(Value::uint8).unwrap_or(0);
+        let number = |name: &str| inputs.value(name).and_then(Value::double).unwrap_or(0.0);
+        if name.starts_with("speed_slider") {
+            let mask = inputs.value("speed_slider_mask").and_then(Value::uint32).unwrap_or(0);
+            let fraction = number("speed_slider_fraction");
+            if mask & 1 == 1 && fraction.is_finite() {
+                self.robot.slider = fraction.clamp(0.0, 1.0);
+            }
+        }
+        for (group, shift) in [("standard_digital", 0), ("configurable_digital", 8), ("tool_digital", 16)] {
+            if name.starts_with(group) {
+                let bits = u64::from(word(&format!("{group}_output"))) << shift;
+                let mask = u64::from(word(&format!("{group}_output_mask"))) << shift;
+                let outputs = &mut self.robot.digital_outputs;
+                *outputs = *outputs & !mask | bits & mask;
+            }
+        }
+        if name.starts_with("standard_analog") {
+            let (mask, kind) = (word("standard_analog_output_mask"), word("standard_analog_output_type"));
+            for (index, output) in self.robot.analog_outputs.iter_mut().enumerate() {
+                let share = number(&format!("standard_analog_output_{index}"));
+                if mask >> index & 1 == 1 && share.is_finite() {
+                    let share = share.clamp(0.0, 1.0);
+                    // 1 is a voltage, 0 a current.
+                    *output = if kind >> index & 1 == 1 { 10.0 * share } else { 0.004 + 0.016 * share };
+                }
+            }
+        }
+    }
+
+    /// One control cycle.
+    pub fn cycle(&mut self) {
+        // A program takes its time to begin, or to run beside; lines and errors take none.
+        while let Some(arrival) = self.arrivals.pop_front() {
+            let program = matches!(arrival, Arrival::Script(Ok(_)));
+            self.obey(arrival);
+            if program {
+                break;
+            }
+        }
+        self.watch();
+        if !self.robot.paused
+            && let Some(mut running) = self.program.take()
+        {
+            match self.lend(|hands| running.run.cycle(hands)) {
+                Progress::Running => self.program = Some(running),
+                Progress::Finished => self.over(&running.name),
+                Progress::Failed(error) => {
+                    self.fail(error);
+                    self.over(&running.name);
+                }
+            }
+        }
+        self.robot.step();
+        self.react();
+    }
+
+    /// Inputs that stay away too long.
+    fn watch(&mut self) {
+        let now = self.robot.cycle;
+        let away = self.watchdogs.iter().find(|watchdog| {
+            let set = self.inputs.set_at(&watchdog.name).unwrap_or(0).max(watchdog.since);
+            watchdog.away != Away::Ignore && now.saturating_sub(set) > watchdog.cycles
+        });
+        let Some(watchdog) = away.cloned() else { return };
+        let text = format!("RTDE watchdog: {} was not updated in time", watchdog.name);
+        match watchdog.away {
+            Away::Stop => {
+                self.say(Said::Text(text));
+                self.stop();
+            }
+            Away::Pause if !self.robot.paused => {
+                self.say(Said::Text(text));
+                self.pause();
+            }
+            Away::Pause | Away::Ignore => {}
+        }
+    }
+
+    /// What safety does to the program and says.
+    fn react(&mut self) {
+        let safety = self.robot.safety;
+        if !safety.lets_programs_be() || self.robot.mode != RobotMode::Running {
+            self.stop();
+        }
+        if safety.safeguard {
+            self.pause();
+        }
+        if safety.protective() != self.told {
+            self.told = safety.protective();
+            if let Some(why) = self.told {
+                let (code, argument) = why.code();
+                self.say(Said::Code { code, argument, level: 3, text: why.text().to_owned() });
+            }
+        }
+        debug_assert!(!matches!(self.robot.motion, Motion::Servo { .. }) || safety.protective().is_none());
+    }
+}
+
+/// What a program holds of its controller.
+#[cfg(test)]
+#[derive(Debug)]
+pub(super) struct Held {
+    pub(super) instructions: u32,
+    pub(super) threads: usize,
+    pub(super) waits: usize,
+    pub(super) watchdogs: usize,
+    pub(super) messages: usize,
+}
+
+#[cfg(test)]
+impl World {
+    pub(super) fn held(&self) -> Held {
+        let run = self.program.as_ref().map(|running| &running.run);
+        Held {
+            instructions: run.map_or(0, Run::used),
+            threads: run.map_or(0, Run::threads),
+            waits: self.waits.len(),
+            watchdogs: self.watchdogs.len(),
+            messages: self.said.len(),
+        }
+    }
+}
+
+#[cfg(test)]
+#[path = "world_tests.rs"]
+mod tests;
