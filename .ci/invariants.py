@@ -24,9 +24,10 @@ ROOMS = {
         "supervisor", "log",
     ],
     "client/record/src": [
-        "proto", "topics", "scene", "write", "read", "table", "pen", "repair", "source", "relay", "record", "trace", "flight", "last_flight", "info",
-        "figures", "explain", "law", "replay", "modelled", "stretch", "score", "what_if", "picture", "page", "stages", "metrics", "foxglove",
+        "proto", "topics", "scene", "write", "read", "table", "pen", "repair", "info", "figures", "explain", "law", "replay", "modelled",
+        "stretch", "score", "what_if", "picture", "page",
     ],
+    "client/live/src": ["source", "relay", "recorder", "trace", "flight", "last_flight", "stages", "metrics", "foxglove"],
     "client/serve/src": ["peers", "metered", "http", "guard", "websocket", "frames", "admission"],
     "client/console/src": [
         "certificate", "wire", "keys", "page", "message", "board", "scene", "frame", "hold", "orders", "stops", "hand",
@@ -97,7 +98,8 @@ def layers_point_downwards() -> None:
         "foretrace-console": {"foretrace-client", "foretrace-serve", "foretrace-config", "foretrace-control"},
         "foretrace-ur": {"foretrace-config", "foretrace-control", "foretrace-client"},
         "foretrace-ur-sim": {"foretrace-config", "foretrace-control", "foretrace-sim", "foretrace-ur"},
-        "foretrace-record": {"foretrace-shm", "foretrace-config", "foretrace-control", "foretraced", "foretrace-client", "foretrace-serve", "foretrace-sim"},
+        "foretrace-record": {"foretrace-shm", "foretrace-config", "foretrace-control", "foretraced", "foretrace-sim"},
+        "foretrace-live": {"foretrace-shm", "foretrace-client", "foretrace-serve", "foretrace-sim", "foretrace-record"},
         "foretrace-lab": {"foretrace-config", "foretrace-control", "foretrace-sim"},
     }
     for package in json.loads(cargo("metadata", "--format-version", "1", "--no-deps"))["packages"]:

@@ -50,8 +50,8 @@ pub(crate) fn unattached(error: ServiceError) -> Failure {
 }
 
 /// What a source has to say, for people.
-pub(crate) fn news(news: foretrace_record::source::News) -> String {
-    use foretrace_record::source::News as Told;
+pub(crate) fn news(news: foretrace_live::source::News) -> String {
+    use foretrace_live::source::News as Told;
     match news {
         Told::Gone => "the daemon is gone; waiting for another".to_owned(),
         Told::Back => "a daemon took over".to_owned(),

@@ -5,10 +5,10 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use foretrace_record::flight::{Flight, Options, Written};
-use foretrace_record::last_flight;
-use foretrace_record::record::unix_minus_monotonic;
-use foretrace_record::source::{Source, Wants};
+use foretrace_live::flight::{Flight, Options, Written};
+use foretrace_live::last_flight;
+use foretrace_live::recorder::unix_minus_monotonic;
+use foretrace_live::source::{Source, Wants};
 use foretrace_shm::monotonic_now_ns;
 use serde::Serialize;
 

@@ -3,7 +3,7 @@
 use std::net::SocketAddr;
 use std::time::{Duration, Instant};
 
-use foretrace_record::foxglove::{FoxgloveError, Options, Server};
+use foretrace_live::foxglove::{FoxgloveError, Options, Server};
 
 use crate::attach::news;
 use crate::failure::Failure;

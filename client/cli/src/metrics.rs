@@ -3,10 +3,10 @@
 use std::net::{SocketAddr, TcpListener};
 use std::time::{Duration, Instant};
 
-use foretrace_record::RecordError;
-use foretrace_record::metrics::{Board, serve, text};
-use foretrace_record::source::{Heard, News, Source, Wants};
-use foretrace_record::stages::Stages;
+use foretrace_live::LiveError;
+use foretrace_live::metrics::{Board, serve, text};
+use foretrace_live::source::{Heard, News, Source, Wants};
+use foretrace_live::stages::Stages;
 use foretrace_shm::monotonic_now_ns;
 
 use crate::attach::news;
@@ -42,7 +42,7 @@ pub(crate) fn run(args: &MetricsArgs) -> Result<(), Failure> {
     let instance = args.instance.instance()?;
     let (mut source, mut stages) = match Source::open(&instance, Wants::TICKS) {
         Ok(source) => (source, Some(Stages::default())),
-        Err(error @ RecordError::NoPlace { .. }) => {
+        Err(error @ LiveError::NoPlace { .. }) => {
             note!("metrics: no histograms of the stages: {error}");
             (Source::open(&instance, Wants::STATUS).map_err(unrecorded)?, None)
         }

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use foretrace_record::relay::Relay;
+use foretrace_live::relay::Relay;
 
 use crate::attach::news;
 use crate::failure::Failure;

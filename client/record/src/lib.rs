@@ -1,14 +1,12 @@
 //! Recordings: everything that the loop saw and did, in one MCAP file that the tools of others open, and that
 //! this program replays bit for bit.
 //!
-//! Contract: a recorder is a reader of shared memory like any other and cannot disturb the loop. What it had
-//! to drop is counted, in the file too. Whatever a file holds, reading it ends with a result or a sentence.
+//! Contract: whatever a file holds, reading it ends with a result or a message. No daemon is needed: who
+//! listens to one and writes these files is in `foretrace-live`.
 //!
 //! Rooms, each of which uses only those before it: `proto`, `topics` (what is in a file), `scene` (what
-//! stands around the pen), `write`, `read`, `table`, `pen`, `repair`, `source` (where everything comes
-//! from), `relay`, `record` (into files), `trace`, `flight`, `last_flight`, `info`, `figures`, `explain`,
-//! `law`, `replay`, `modelled`, `stretch`, `score`, `what_if`, `picture`, `page` (a run as HTML), `stages`,
-//! `metrics`, `foxglove`.
+//! stands around the pen), `write`, `read`, `table`, `pen`, `repair`, `info`, `figures`, `explain`, `law`,
+//! `replay`, `modelled`, `stretch`, `score`, `what_if`, `picture`, `page` (a run as HTML).
 //!
 //! Source: MCAP specification 0 (mcap.dev/spec); Foxglove's schemas.
 
@@ -17,18 +15,12 @@
 
 pub mod proto;
 pub mod topics;
-mod scene;
+pub mod scene;
 pub mod write;
 pub mod read;
 pub mod table;
 pub mod pen;
 pub mod repair;
-pub mod source;
-pub mod relay;
-pub mod record;
-mod trace;
-pub mod flight;
-pub mod last_flight;
 pub mod info;
 pub mod figures;
 pub mod explain;
@@ -40,9 +32,6 @@ pub mod score;
 pub mod what_if;
 pub mod picture;
 pub mod page;
-pub mod stages;
-pub mod metrics;
-pub mod foxglove;
 
 use std::path::{Path, PathBuf};
 
@@ -114,32 +103,6 @@ pub enum RecordError {
         /// The reason.
         why: String,
     },
-    /// The daemon cannot be heard.
-    #[error(transparent)]
-    Service(#[from] foretrace_client::ServiceError),
-    /// Others hold all places.
-    #[error("{error}{}", if *direct {
-        ", then start the relay again: programs that begin after it listen to it"
-    } else {
-        "; or end one, start `foretrace relay` in its place, then them again: any number listen to a relay"
-    })]
-    NoPlace {
-        /// Which places, and who holds them.
-        error: foretrace_client::ServiceError,
-        /// The relay itself asks.
-        direct: bool,
-    },
-    /// There can be no relay.
-    #[error("no relay at {}: {why}", path.display())]
-    NoRelay {
-        /// Its socket, or its lock.
-        path: PathBuf,
-        /// The reason, and the remedy.
-        why: String,
-    },
-    /// The writing thread could not be started, or ended by a fault.
-    #[error("the thread that writes the recording failed: {0}")]
-    Thread(String),
 }
 
 foretrace_shm::debug_is_sentence!(RecordError);

@@ -206,7 +206,7 @@ fn described(shape: &Shape) -> Vec<u8> {
 }
 
 /// Appends field `number` with this `double`.
-pub(crate) fn double_field(bytes: &mut Vec<u8>, number: u64, value: f64) {
+pub fn double_field(bytes: &mut Vec<u8>, number: u64, value: f64) {
     key(bytes, number, 1);
     bytes.extend_from_slice(&value.to_le_bytes());
 }
@@ -216,13 +216,13 @@ fn key(bytes: &mut Vec<u8>, number: u64, wire: u64) {
 }
 
 /// Appends field `number` with this whole number.
-pub(crate) fn varint_field(bytes: &mut Vec<u8>, number: u64, value: u64) {
+pub fn varint_field(bytes: &mut Vec<u8>, number: u64, value: u64) {
     key(bytes, number, 0);
     varint(bytes, value);
 }
 
 /// Appends field `number` with these bytes, text or message.
-pub(crate) fn sized(bytes: &mut Vec<u8>, number: u64, content: &[u8]) {
+pub fn sized(bytes: &mut Vec<u8>, number: u64, content: &[u8]) {
     key(bytes, number, 2);
     varint(bytes, content.len() as u64);
     bytes.extend_from_slice(content);

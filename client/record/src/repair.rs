@@ -145,7 +145,7 @@ fn mend(target: &Path) -> Result<Option<(PathBuf, Mended)>, RecordError> {
 }
 
 /// `name.mcap` with `word` before its extension.
-pub(crate) fn numbered(target: &Path, word: &str) -> PathBuf {
+pub fn numbered(target: &Path, word: &str) -> PathBuf {
     let stem = target.file_stem().unwrap_or_default().to_string_lossy();
     let extension = target.extension().map_or_else(String::new, |e| format!(".{}", e.to_string_lossy()));
     target.with_file_name(format!("{stem}.{word}{extension}"))

@@ -38,7 +38,7 @@ const KEEP_OUT: Color = [0.85, 0.25, 0.2, 0.25];
 
 /// The scene of some settings.
 #[derive(Debug)]
-pub(crate) struct Scene {
+pub struct Scene {
     hash: u64,
     chain: Chain<JOINTS>,
     plane: ([f64; 3], Turn),
@@ -53,7 +53,7 @@ impl Scene {
     /// # Errors
     ///
     /// They are not legal here, in words: they name a file that is not here, for example.
-    pub(crate) fn of(toml: &[u8]) -> Result<Self, String> {
+    pub fn of(toml: &[u8]) -> Result<Self, String> {
         let text = std::str::from_utf8(toml).map_err(|error| error.to_string())?;
         let config = Config::recorded(text).map_err(|error| error.to_string())?;
         let (settings, robot) = (config.settings(), config.robot());
@@ -64,18 +64,18 @@ impl Scene {
     }
 
     /// Whether it is that of the settings in `toml`.
-    pub(crate) fn is_of(&self, toml: &[u8]) -> bool {
+    pub fn is_of(&self, toml: &[u8]) -> bool {
         self.hash == fnv1a(toml)
     }
 
     /// The `SceneUpdate` that replaces all before, at `time_ns` since 1970.
-    pub(crate) fn update(&self, time_ns: u64) -> Vec<u8> {
+    pub fn update(&self, time_ns: u64) -> Vec<u8> {
         update(&self.entities, time_ns)
     }
 
     /// Where its frames are at `record`, twenty times a second; nothing in between, and the paper alone while
     /// the arm does not say where it is. `time_ns` is since 1970.
-    pub(crate) fn frames(&mut self, record: &TickRecord, time_ns: u64) -> Vec<Vec<u8>> {
+    pub fn frames(&mut self, record: &TickRecord, time_ns: u64) -> Vec<Vec<u8>> {
         let since = |told_ns: u64| record.release_ns.checked_sub(told_ns);
         if self.told_ns.and_then(since).is_some_and(|since_ns| since_ns < EVERY_NS) {
             return Vec::new();
@@ -96,7 +96,7 @@ impl Scene {
 
 /// The previewed path as a line.
 #[derive(Debug, Default)]
-pub(crate) struct Preview {
+pub struct Preview {
     told_ns: u64,
     /// A line is shown.
     shown: bool,
@@ -105,7 +105,7 @@ pub(crate) struct Preview {
 impl Preview {
     /// The `SceneUpdate` of the path in `record`, fifty times a second, and once when there is none any more;
     /// `time_ns` is since 1970.
-    pub(crate) fn update(&mut self, record: &TickRecord, time_ns: u64) -> Option<Vec<u8>> {
+    pub fn update(&mut self, record: &TickRecord, time_ns: u64) -> Option<Vec<u8>> {
         let path = record.path().filter(|at| at.iter().all(|m| m.is_finite()));
         let points: Vec<[f64; 3]> = path.map(|[x, y]| [x.into(), y.into(), 0.0]).collect();
         let soon = record.release_ns.checked_sub(self.told_ns).is_some_and(|since| since < PREVIEW_NS);

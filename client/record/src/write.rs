@@ -36,8 +36,9 @@ pub struct Output {
     written: u64,
     newest: Option<TickRecord>,
     /// That of the settings in the file.
-    pub(crate) scene: Option<Scene>,
-    pub(crate) preview: Preview,
+    pub scene: Option<Scene>,
+    /// The previewed path, as it was shown last.
+    pub preview: Preview,
 }
 
 impl std::fmt::Debug for Output {
@@ -108,7 +109,7 @@ impl Output {
     }
 
     /// The tick record before `record`, which is the newest from here on.
-    pub(crate) const fn follow(&mut self, record: &TickRecord) -> Option<TickRecord> {
+    pub const fn follow(&mut self, record: &TickRecord) -> Option<TickRecord> {
         self.newest.replace(*record)
     }
 

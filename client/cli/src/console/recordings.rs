@@ -16,9 +16,9 @@ use foretrace_client::Instance;
 use foretrace_config::{Config, JOINTS};
 use foretrace_console::Records;
 use foretrace_control::arm::JointLimits;
+use foretrace_live::recorder::{Options, Recorder};
+use foretrace_live::source::{Source, Wants};
 use foretrace_record::figures::{Figures, figures};
-use foretrace_record::record::{Options, Recorder};
-use foretrace_record::source::{Source, Wants};
 use foretrace_record::write::part_of;
 use serde::Serialize;
 

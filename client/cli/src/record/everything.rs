@@ -7,9 +7,9 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use foretrace_client::Instance;
-use foretrace_record::record::{Counts, Options, Recorder, unix_minus_monotonic};
+use foretrace_live::recorder::{Counts, Options, Recorder, unix_minus_monotonic};
+use foretrace_live::source::{Source, Wants};
 use foretrace_record::repair::mend_leftovers;
-use foretrace_record::source::{Source, Wants};
 use foretrace_record::write::Facts;
 use foretrace_shm::{Status, TickInput, TickRecord, Wire, monotonic_now_ns};
 use serde::Serialize;

@@ -6,6 +6,7 @@ mod pen;
 
 use std::path::{Path, PathBuf};
 
+use foretrace_live::LiveError;
 use foretrace_record::RecordError;
 use foretrace_record::info::{Info, info};
 use foretrace_record::read::Reader;
@@ -84,13 +85,14 @@ pub(crate) fn run(args: &RecordArgs) -> Result<(), Failure> {
 }
 
 /// A failure of a recording with its exit code.
-pub(crate) fn unrecorded(error: RecordError) -> Failure {
+pub(crate) fn unrecorded(error: impl Into<LiveError>) -> Failure {
+    let error = match error.into() {
+        LiveError::Record(error) => error,
+        LiveError::Service(error) => return unattached(error),
+        other => return Failure::failed(other, ""),
+    };
     match error {
-        RecordError::Service(error) => unattached(error),
-        RecordError::Write { .. }
-        | RecordError::Thread(_)
-        | RecordError::NoPlace { .. }
-        | RecordError::NoRelay { .. } => Failure::failed(error, ""),
+        RecordError::Write { .. } => Failure::failed(error, ""),
         RecordError::Read { ref path, .. } => {
             let remedy = unfinished(path);
             Failure::bad_input(error, remedy)

@@ -2,8 +2,8 @@
 //! newest file of a flight recorder.
 
 use foretrace_client::{Holder, Instance, Place};
-use foretrace_record::last_flight::{self, LastFlight};
-use foretrace_record::record::unix_minus_monotonic;
+use foretrace_live::last_flight::{self, LastFlight};
+use foretrace_live::recorder::unix_minus_monotonic;
 use foretrace_shm::monotonic_now_ns;
 use serde_json::{Value, json};
 

@@ -5,7 +5,7 @@
 //! 1970; stamps inside messages stay on the monotonic clock.
 
 mod foxglove;
-mod people;
+mod readable;
 mod raw;
 pub(crate) mod scene;
 
@@ -15,11 +15,11 @@ use foretrace_shm::{Status, TickInput, TickRecord, Wire};
 use crate::proto::{ProtoFile, Shape, descriptor_set};
 pub use foxglove::{FRAME_TRANSFORM, LOG};
 pub(crate) use foxglove::{Turn, frame_transform};
-pub(crate) use people::warning;
-pub use people::{RECORDER, TICK, frames, log, tick};
+
 pub(crate) use raw::layout_of;
 use raw::{THING_LAYOUT, layout_table, pen_rows};
 pub use raw::{thing_bytes, thing_of};
+pub use readable::{RECORDER, TICK, frames, log, tick, warning};
 pub use scene::SCENE_UPDATE;
 
 /// Encoding of raw topics.
@@ -108,9 +108,9 @@ impl Topic {
             }
             Self::StatusRaw => raw("Status", Status::LAYOUT_HASH, Status::FIELDS, size_of::<Status>()),
             Self::Thing => raw("Thing", THING_LAYOUT, &[], 0),
-            Self::Tick => proto(&TICK, &[people::OURS]),
+            Self::Tick => proto(&TICK, &[readable::OURS]),
             Self::Frames => proto(&FRAME_TRANSFORM, foxglove::FRAME_FILES),
-            Self::Recorder => proto(&RECORDER, &[people::OURS]),
+            Self::Recorder => proto(&RECORDER, &[readable::OURS]),
             Self::Log => proto(&LOG, foxglove::LOG_FILES),
             Self::Scene | Self::Preview => proto(&SCENE_UPDATE, scene::SCENE_FILES),
         }

@@ -13,10 +13,10 @@ use std::time::{Duration, Instant};
 use foretrace_shm::{Mode, Rung, TickRecord, health};
 use serde::Serialize;
 
-use crate::record::WEIGHTS_PATIENCE;
+use crate::recorder::WEIGHTS_PATIENCE;
 use crate::source::{Heard, News, Source};
-use crate::write::{Facts, Output, part_of};
-use crate::{RecordError, whole};
+use foretrace_record::write::{Facts, Output, part_of};
+use foretrace_record::{RecordError, whole};
 use memory::Memory;
 
 /// Seconds after a trigger that are written too.

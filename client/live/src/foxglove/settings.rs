@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use foretrace_client::Instance;
 use foretrace_shm::PieceKind;
 
-use crate::RecordError;
+use crate::LiveError;
 use crate::source::{Heard, Source, Wants};
 
 /// Between two tries.
@@ -41,7 +41,7 @@ impl Settings {
     /// # Errors
     ///
     /// There is no place; told once, and tried again.
-    pub(crate) fn look(&mut self) -> Result<Option<Vec<u8>>, RecordError> {
+    pub(crate) fn look(&mut self) -> Result<Option<Vec<u8>>, LiveError> {
         let now = Instant::now();
         if self.due.is_none_or(|due| now < due) {
             return Ok(None);

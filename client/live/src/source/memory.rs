@@ -5,7 +5,7 @@ use std::time::Duration;
 use foretrace_client::{Attachment, Foretrace, InputWatch, Instance, ServiceError, StatusReader, Telemetry};
 
 use super::{Heard, News, Wants};
-use crate::RecordError;
+use crate::LiveError;
 
 /// Handles of one attachment.
 #[derive(Debug)]
@@ -40,7 +40,7 @@ pub(super) struct Memory {
 }
 
 impl Memory {
-    pub(super) fn open(instance: &Instance, wants: Wants) -> Result<Self, RecordError> {
+    pub(super) fn open(instance: &Instance, wants: Wants) -> Result<Self, LiveError> {
         let foretrace = Foretrace::attach_within(instance, Duration::ZERO)?;
         let handles = Handles::open(&foretrace, wants)?;
         Ok(Self { handles, foretrace, wants, away: false, again: false, broken: 0, refused: 0 })
@@ -60,7 +60,7 @@ impl Memory {
         }
     }
 
-    pub(super) fn start_again(&mut self) -> Result<(), RecordError> {
+    pub(super) fn start_again(&mut self) -> Result<(), LiveError> {
         match &mut self.handles.inputs {
             Some(inputs) => Ok(inputs.start_again(&self.foretrace)?),
             None => Ok(()),

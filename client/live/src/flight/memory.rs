@@ -8,10 +8,10 @@ use std::path::Path;
 
 use foretrace_shm::{PieceKind, Thing, TickInput, TickRecord};
 
-use crate::RecordError;
-use crate::record::{Offered, put_input, put_thing, put_tick, unix_minus_monotonic};
+use crate::recorder::{Offered, put_input, put_thing, put_tick, unix_minus_monotonic};
 use crate::trace;
-use crate::write::Output;
+use foretrace_record::RecordError;
+use foretrace_record::write::Output;
 
 /// Sets of weights that are kept: more than the loop is offered in the longest time kept.
 const SETS: usize = 4096;

@@ -1,14 +1,15 @@
-//! The messages of Foxglove's WebSocket protocol: what a viewer may say (`said`), what it is told (`told`).
+//! The messages of Foxglove's WebSocket protocol: what a viewer may say (`client_message`), what it is sent
+//! (`server_message`).
 //!
 //! Source: the specification in github.com/foxglove/ws-protocol; the messages of
 //! github.com/foxglove/foxglove-sdk.
 
-mod said;
-mod told;
+mod client_message;
+mod server_message;
 
-use crate::topics::Topic;
-pub(crate) use said::{Said, Setting, binary, text};
-pub(crate) use told::{
+pub(crate) use client_message::{Said, Setting, binary, text};
+use foretrace_record::topics::Topic;
+pub(crate) use server_message::{
     Level, advertise, advertise_services, call_done, call_failed, message_data, parameter_values,
     remove_status, server_info, status, time,
 };

@@ -1,4 +1,4 @@
-//! Tick records for people and their tools: one message of numbers and words, frames, and lines of a log.
+//! Tick records as readable messages: one of numbers and words, frames, and lines of a log.
 
 use foretrace_shm as shm;
 use foretrace_shm::{FaultReason, Mode, Rung, Stage, TickRecord, TrustReason};
@@ -144,7 +144,7 @@ pub fn log(before: &TickRecord, record: &TickRecord, time_ns: u64) -> Vec<Vec<u8
 }
 
 /// A line of the log about what a recorder or a server itself cannot do.
-pub(crate) fn warning(words: &str, time_ns: u64) -> Vec<u8> {
+pub fn warning(words: &str, time_ns: u64) -> Vec<u8> {
     let [_, _, warning, _] = LEVELS;
     log_line(warning, words, time_ns).unwrap_or_default()
 }

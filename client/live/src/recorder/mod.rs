@@ -17,11 +17,12 @@ use std::time::{Duration, Instant};
 use foretrace_client::monotonic_now_ns;
 use foretrace_shm::{Piece, PieceKind, Status, Thing, TickInput, TickRecord};
 
-use crate::RecordError;
+use crate::LiveError;
 use crate::source::{Heard, Lost, News, Source};
-use crate::write::{Facts, Output};
 use files::FileWriter;
 pub(crate) use files::{put_input, put_thing, put_tick};
+use foretrace_record::RecordError;
+use foretrace_record::write::{Facts, Output};
 pub(crate) use offered::{Offered, PATIENCE as WEIGHTS_PATIENCE};
 
 /// Messages that may wait for the disk: four seconds at 500 Hz.
@@ -135,7 +136,7 @@ impl Recorder {
     /// # Errors
     ///
     /// The file exists or cannot be written.
-    pub fn start(source: Source, options: Options) -> Result<Self, RecordError> {
+    pub fn start(source: Source, options: Options) -> Result<Self, LiveError> {
         let output = Output::create(&options.target, &options.facts)?;
         let (jobs, due) = sync_channel(QUEUE);
         let shared = Arc::new(Shared::default());
@@ -143,7 +144,7 @@ impl Recorder {
         let thread = std::thread::Builder::new()
             .name("foretrace-write".to_owned())
             .spawn(move || writer.run(&due))
-            .map_err(|error| RecordError::Thread(error.to_string()))?;
+            .map_err(|error| LiveError::Thread(error.to_string()))?;
         Ok(Self {
             jobs: Some(jobs),
             thread: Some(thread),
@@ -268,7 +269,7 @@ impl Recorder {
     /// # Errors
     ///
     /// The disk refused; what was written until then is in the part.
-    pub fn finish(mut self) -> Result<(Vec<PathBuf>, Counts), RecordError> {
+    pub fn finish(mut self) -> Result<(Vec<PathBuf>, Counts), LiveError> {
         self.take();
         // From here on ticks pass by that are not to be in the file.
         let Lost { inputs, ticks, refused, .. } = self.source.lost();
@@ -279,8 +280,8 @@ impl Recorder {
         }
         let thread = self.thread.take().map(JoinHandle::join);
         match thread {
-            Some(Ok(files)) => files.map(|files| (files, counts)),
-            _ => Err(RecordError::Thread("it ended by a fault".to_owned())),
+            Some(Ok(files)) => Ok((files?, counts)),
+            _ => Err(LiveError::Thread("it ended by a fault".to_owned())),
         }
     }
 }
@@ -314,10 +315,10 @@ mod tests {
     use foretrace_client::Instance;
     use foretrace_shm::{Header, host_boot_id, input_flags};
 
-    use crate::read::{Content, Entry, Reader};
     use crate::source::Wants;
     use crate::source::frame::{frame_of, framed, hello, kind};
     use crate::source::remote::relay_socket;
+    use foretrace_record::read::{Content, Entry, Reader};
 
     /// A recorder of a daemon that has sent ticks 1 to 6, of which the last one was offered weights 9; `more`
     /// is sent when the recording ends. Returns ticks and weights in the file, and the counts.

@@ -22,7 +22,7 @@ use std::time::{Duration, Instant};
 use foretrace_client::{DaemonMark, Instance, ServiceError, monotonic_now_ns};
 use foretrace_shm::{Header, HeaderBounds, HeaderCheck, Status, Thing, TickInput, TickRecord, host_boot_id};
 
-use crate::RecordError;
+use crate::LiveError;
 use memory::Memory;
 use remote::Remote;
 
@@ -72,7 +72,7 @@ pub enum News {
     /// The relay ended; listening goes on elsewhere, from settings, weights and a state on.
     Elsewhere,
     /// Something does not come, for this reason; it is tried again and again.
-    Deaf(RecordError),
+    Deaf(LiveError),
 }
 
 /// What did not reach the caller, since the source was opened.
@@ -154,16 +154,16 @@ impl Source {
     /// # Errors
     ///
     /// No daemon; no relay, and no place in shared memory.
-    pub fn open(instance: &Instance, wants: Wants) -> Result<Self, RecordError> {
+    pub fn open(instance: &Instance, wants: Wants) -> Result<Self, LiveError> {
         Self::opened(instance, wants, false)
     }
 
     /// The same in shared memory, relay or not.
-    pub(crate) fn open_direct(instance: &Instance, wants: Wants) -> Result<Self, RecordError> {
+    pub(crate) fn open_direct(instance: &Instance, wants: Wants) -> Result<Self, LiveError> {
         Self::opened(instance, wants, true)
     }
 
-    fn opened(instance: &Instance, wants: Wants, direct: bool) -> Result<Self, RecordError> {
+    fn opened(instance: &Instance, wants: Wants, direct: bool) -> Result<Self, LiveError> {
         let daemon = instance.daemon().ok_or_else(|| ServiceError::no_daemon(instance))?;
         Ok(Self {
             instance: instance.clone(),
@@ -258,7 +258,7 @@ impl Source {
                 (self.deaf, self.away) = (false, false);
                 Some(News::Elsewhere)
             }
-            Err(RecordError::Service(ServiceError::NoDaemon { .. })) => {
+            Err(LiveError::Service(ServiceError::NoDaemon { .. })) => {
                 (!std::mem::replace(&mut self.away, true)).then_some(News::Gone)
             }
             Err(error) => (!std::mem::replace(&mut self.deaf, true)).then_some(News::Deaf(error)),
@@ -270,7 +270,7 @@ impl Source {
     /// # Errors
     ///
     /// Another has taken the place meanwhile: things do not come until this succeeds.
-    pub fn start_again(&mut self) -> Result<(), RecordError> {
+    pub fn start_again(&mut self) -> Result<(), LiveError> {
         match &mut self.way {
             Way::Memory(memory) => memory.start_again(),
             Way::Relay(remote) => {
@@ -297,14 +297,14 @@ impl Source {
 }
 
 /// A relay if there is one, or shared memory.
-fn way(instance: &Instance, wants: Wants, direct: bool) -> Result<Way, RecordError> {
+fn way(instance: &Instance, wants: Wants, direct: bool) -> Result<Way, LiveError> {
     if !direct && let Some(remote) = Remote::connect(instance, wants) {
         return Ok(Way::Relay(remote));
     }
     match Memory::open(instance, wants) {
         Ok(memory) => Ok(Way::Memory(Box::new(memory))),
-        Err(RecordError::Service(error @ ServiceError::NoPlace { .. })) => {
-            Err(RecordError::NoPlace { error, direct })
+        Err(LiveError::Service(error @ ServiceError::NoPlace { .. })) => {
+            Err(LiveError::NoPlace { error, direct })
         }
         Err(error) => Err(error),
     }

@@ -12,8 +12,8 @@ use std::path::Path;
 
 use foretrace_shm::{ControlOp, Mode, Stage, TickInput, TickRecord, input_flags};
 
-use crate::RecordError;
-use crate::proto::{double_field, sized, varint_field};
+use foretrace_record::RecordError;
+use foretrace_record::proto::{double_field, sized, varint_field};
 
 /// Tracks by their numbers.
 const DAEMON: u64 = 7;

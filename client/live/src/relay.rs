@@ -17,7 +17,7 @@ use std::time::{Duration, Instant};
 use foretrace_client::Instance;
 use foretrace_serve::http::waits;
 
-use crate::RecordError;
+use crate::LiveError;
 use crate::source::frame::{Asked, Counts, Inbox, asked, counts_frame, frame_of, framed, hello, kind};
 use crate::source::remote::relay_socket;
 use crate::source::{News, Source, Wants};
@@ -76,9 +76,9 @@ impl Relay {
     /// # Errors
     ///
     /// No daemon; no place; another relay; the socket cannot be made.
-    pub fn open(instance: &Instance) -> Result<Self, RecordError> {
+    pub fn open(instance: &Instance) -> Result<Self, LiveError> {
         let path = relay_socket(instance);
-        let refused = |why: io::Error| RecordError::NoRelay { path: path.clone(), why: why.to_string() };
+        let refused = |why: io::Error| LiveError::NoRelay { path: path.clone(), why: why.to_string() };
         // Says first that there is no daemon, where there is not even a folder.
         let source = Source::open_direct(instance, Wants::ALL)?;
         let lock = locked(instance.root().join("relay.lock"))?;
@@ -183,8 +183,8 @@ impl Drop for Relay {
 }
 
 /// The lock of the only relay, signed with this process's number.
-fn locked(path: PathBuf) -> Result<File, RecordError> {
-    let no_relay = |why: String| RecordError::NoRelay { path: path.clone(), why };
+fn locked(path: PathBuf) -> Result<File, LiveError> {
+    let no_relay = |why: String| LiveError::NoRelay { path: path.clone(), why };
     let mut options = OpenOptions::new();
     let options = options.read(true).write(true).create(true).truncate(false).mode(0o600);
     let mut file = options.open(&path).map_err(|error| no_relay(error.to_string()))?;

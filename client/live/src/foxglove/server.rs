@@ -17,11 +17,11 @@ use super::orders::Orders;
 use super::protocol::{self, CHANNELS, Level};
 use super::settings::Settings;
 use super::viewer::Viewer;
-use crate::RecordError;
-use crate::record::unix_minus_monotonic;
-use crate::scene::{Preview, Scene};
+use crate::LiveError;
+use crate::recorder::unix_minus_monotonic;
 use crate::source::{Heard, News, Source, Wants};
-use crate::topics::{Topic, frames, log, tick, warning};
+use foretrace_record::scene::{Preview, Scene};
+use foretrace_record::topics::{Topic, frames, log, tick, warning};
 
 /// Most bytes of a viewer per second: far more than one says.
 const BYTES: usize = 4 << 20;
@@ -57,7 +57,7 @@ pub enum FoxgloveError {
     System(#[from] std::io::Error),
     /// Nothing can be heard.
     #[error(transparent)]
-    Source(#[from] RecordError),
+    Source(#[from] LiveError),
 }
 
 foretrace_shm::debug_is_sentence!(FoxgloveError);

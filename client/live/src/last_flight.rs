@@ -9,8 +9,8 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
-use crate::RecordError;
 use crate::flight::{Trigger, Written};
+use foretrace_record::RecordError;
 
 /// Name of the note.
 const NOTE: &str = "flight";

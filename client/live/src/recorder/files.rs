@@ -10,12 +10,12 @@ use foretrace_client::monotonic_now_ns;
 use foretrace_shm::{PieceKind, Thing, TickInput, TickRecord, Wire};
 
 use super::{Counts, Job, Offered, Options, Shared, WEIGHTS_PATIENCE, unix_minus_monotonic};
-use crate::RecordError;
-use crate::proto::{Value, encode};
-use crate::repair::numbered;
-use crate::scene::Scene;
-use crate::topics::{RECORDER, Topic, frames, log, thing_bytes, tick, warning};
-use crate::write::{Facts, Output, part_of};
+use foretrace_record::RecordError;
+use foretrace_record::proto::{Value, encode};
+use foretrace_record::repair::numbered;
+use foretrace_record::scene::Scene;
+use foretrace_record::topics::{RECORDER, Topic, frames, log, thing_bytes, tick, warning};
+use foretrace_record::write::{Facts, Output, part_of};
 
 /// Work that a killed recorder loses at most, beside what waits in the queue.
 const FLUSH: Duration = Duration::from_millis(250);
@@ -204,7 +204,7 @@ mod tests {
     use foretrace_shm::input_flags;
     use std::sync::mpsc::sync_channel;
 
-    use crate::read::{Content, Entry, Reader};
+    use foretrace_record::read::{Content, Entry, Reader};
 
     /// Versions of the weights in a file.
     fn sets(path: &std::path::Path) -> Vec<u64> {

@@ -13,7 +13,7 @@ use foretrace_shm::{
 };
 
 use super::{Heard, Wants};
-use crate::topics::{thing_bytes, thing_of};
+use foretrace_record::topics::{thing_bytes, thing_of};
 
 /// Longest frame of a relay \[bytes\]: a thing with its kind and numbers.
 const LONGEST: u32 = LARGEST_THING_BYTES as u32 + 64;
