@@ -28,6 +28,7 @@ ROOMS = {
         "stretch", "score", "what_if", "picture", "page",
     ],
     "client/live/src": ["source", "relay", "recorder", "trace", "flight", "last_flight", "stages", "metrics", "foxglove"],
+    "client/gateway/src": ["holder", "socket", "tally", "serve"],
     "client/serve/src": ["peers", "metered", "http", "guard", "websocket", "frames", "admission"],
     "client/console/src": [
         "certificate", "wire", "keys", "page", "message", "board", "scene", "frame", "hold", "orders", "stops", "hand",
@@ -93,6 +94,8 @@ def layers_point_downwards() -> None:
         "foretraced": {"foretrace-shm", "foretrace-config", "foretrace-control"},
         "foretrace-client": {"foretrace-shm"},
         "foretrace-serve": {"foretrace-shm"},
+        "foretrace-gateway": {"foretrace-serve", "foretrace-shm"},
+        "foretrace-shapes": {"foretrace-config", "foretrace-control"},
         "foretrace-sim": {"foretrace-config", "foretrace-control"},
         "foretrace-tablet": {"foretrace-client"},
         "foretrace-console": {"foretrace-client", "foretrace-serve", "foretrace-config", "foretrace-control"},

@@ -12,12 +12,14 @@
 //!
 //! Source: iceoryx2 0.9.3; it compares type name, size and alignment only, hence the layout hash.
 
+#![warn(missing_docs)]
+
 mod os;
 mod wire;
 mod instance;
 mod transport;
 
-pub use os::{effective_user, shared_memory_free_bytes};
+pub use os::{effective_user, peer_user, shared_memory_free_bytes};
 
 pub use wire::{
     AXES, JOINTS,

@@ -2,6 +2,7 @@
 
 use std::io;
 use std::os::fd::{AsRawFd, BorrowedFd, FromRawFd, OwnedFd, RawFd};
+use std::os::unix::net::UnixStream;
 
 /// CLOCK_MONOTONIC as nanoseconds since boot.
 pub(crate) fn clock_monotonic_ns() -> u64 {
@@ -31,6 +32,33 @@ pub fn shared_memory_free_bytes() -> Option<u64> {
     (status == 0).then(|| found.f_bavail.saturating_mul(found.f_frsize))
 }
 
+/// The user of the process at the other end, as it was when it connected (SO_PEERCRED); the kernel says it,
+/// not the process.
+///
+/// # Errors
+///
+/// The system does not say.
+pub fn peer_user(stream: &UnixStream) -> io::Result<u32> {
+    let mut peer = libc::ucred { pid: 0, uid: u32::MAX, gid: u32::MAX };
+    let mut bytes = size_of::<libc::ucred>() as libc::socklen_t;
+    // SAFETY: the descriptor is open while `stream` is borrowed, `peer` has room for `bytes` bytes, and both
+    // are valid for writing.
+    let answer = unsafe {
+        libc::getsockopt(
+            stream.as_raw_fd(),
+            libc::SOL_SOCKET,
+            libc::SO_PEERCRED,
+            (&raw mut peer).cast(),
+            &raw mut bytes,
+        )
+    };
+    match answer {
+        0 if bytes as usize == size_of::<libc::ucred>() => Ok(peer.uid),
+        0 => Err(io::Error::from(io::ErrorKind::InvalidData)),
+        _ => Err(io::Error::last_os_error()),
+    }
+}
+
 /// A descriptor of process `pid` (pidfd_open): it never refers to another process.
 pub(crate) fn open_process(pid: u32) -> io::Result<OwnedFd> {
     // SAFETY: takes two numbers and no pointer.
@@ -52,8 +80,16 @@ pub(crate) fn signal_process(process: BorrowedFd<'_>, signal: libc::c_int) -> io
 
 #[cfg(test)]
 mod tests {
+    use super::*;
+
+    #[test]
+    fn the_kernel_names_the_user_at_the_other_end() {
+        let (one, _other) = UnixStream::pair().unwrap();
+        assert_eq!(peer_user(&one).unwrap(), effective_user());
+    }
+
     #[test]
     fn there_is_room_in_shared_memory() {
-        assert!(super::shared_memory_free_bytes().unwrap() > 0);
+        assert!(shared_memory_free_bytes().unwrap() > 0);
     }
 }

@@ -2,8 +2,6 @@
 //! `unsafe`.
 
 use std::io;
-use std::os::fd::AsRawFd;
-use std::os::unix::net::UnixStream;
 use std::os::unix::process::CommandExt;
 use std::process::Command;
 use std::time::Duration;
@@ -66,38 +64,4 @@ pub(crate) fn tie_to_parent(command: &mut Command) -> &mut Command {
     };
     // SAFETY: the closure makes two system calls and allocates nothing, so it is sound between fork and exec.
     unsafe { command.pre_exec(in_child) }
-}
-
-/// The user of the process at the other end, as it was when it connected (SO_PEERCRED); the kernel says it,
-/// not the process.
-pub(crate) fn peer_user(stream: &UnixStream) -> io::Result<u32> {
-    let mut peer = libc::ucred { pid: 0, uid: u32::MAX, gid: u32::MAX };
-    let mut bytes = size_of::<libc::ucred>() as libc::socklen_t;
-    // SAFETY: the descriptor is open while `stream` is borrowed, `peer` has room for `bytes` bytes, and both
-    // are valid for writing.
-    let answer = unsafe {
-        libc::getsockopt(
-            stream.as_raw_fd(),
-            libc::SOL_SOCKET,
-            libc::SO_PEERCRED,
-            (&raw mut peer).cast(),
-            &raw mut bytes,
-        )
-    };
-    match answer {
-        0 if bytes as usize == size_of::<libc::ucred>() => Ok(peer.uid),
-        0 => Err(io::Error::from(io::ErrorKind::InvalidData)),
-        _ => Err(io::Error::last_os_error()),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_kernel_names_the_user_at_the_other_end() {
-        let (one, _other) = UnixStream::pair().unwrap();
-        assert_eq!(peer_user(&one).unwrap(), foretrace_shm::effective_user());
-    }
 }

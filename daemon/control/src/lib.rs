@@ -58,6 +58,7 @@
 //! - *stale*: older than allowed. *Silent*: a pen without new samples. *Latched*: a stop that only an
 //!   operator's arm request ends. *Ghost*: the same law at α = 0 beside the loop, for comparison.
 
+#![warn(missing_docs)]
 #![forbid(unsafe_code)]
 #![cfg_attr(
     not(test),

@@ -20,26 +20,28 @@ const EVALUATIONS: usize = 900;
 /// Numbers that are searched: two angles, two offsets, the radius' excess.
 const SEARCHED: usize = 5;
 /// Written with this many metres per unit: a tenth of a micrometre.
-pub(super) const WRITTEN_M: f64 = 1e-7;
+pub(crate) const WRITTEN_M: f64 = 1e-7;
 
-/// All points within `radius` of the piece from −length/2 to length/2 of the z axis of a frame [m].
+/// All points within `radius` of the piece from −length/2 to length/2 of the z axis of a frame \[m\].
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Capsule {
-    /// Origin of that frame [m].
-    pub(super) centre: [f64; 3],
-    /// Its roll, pitch and yaw [rad], as in URDF.
-    pub(super) rpy: [f64; 3],
-    pub(super) length: f64,
-    pub(super) radius: f64,
+pub struct Capsule {
+    /// Origin of that frame \[m\].
+    pub centre: [f64; 3],
+    /// Its roll, pitch and yaw \[rad\], as in URDF.
+    pub rpy: [f64; 3],
+    /// Between the centres of its half-spheres \[m\]; 0: a sphere.
+    pub length: f64,
+    /// \[m\].
+    pub radius: f64,
 }
 
 impl Capsule {
-    pub(super) fn volume(&self) -> f64 {
+    pub(crate) fn volume(&self) -> f64 {
         volume(self.radius, self.length)
     }
 
     /// How far `point` is from the axis [m].
-    pub(super) fn distance(&self, point: &Vector3<f64>) -> f64 {
+    pub(crate) fn distance(&self, point: &Vector3<f64>) -> f64 {
         let [roll, pitch, yaw] = self.rpy;
         let axis = Rotation3::from_euler_angles(roll, pitch, yaw) * Vector3::z();
         let seen = point - Vector3::from(self.centre);
@@ -48,12 +50,12 @@ impl Capsule {
     }
 
     /// The same with a radius smaller by `outside` [m], as far as there is one.
-    pub(super) fn smaller(self, outside: f64) -> Self {
+    pub(crate) fn smaller(self, outside: f64) -> Self {
         Self { radius: (self.radius - outside).max(WRITTEN_M), ..self }
     }
 
     /// The same with numbers as they are written, and a radius that still holds all `points`.
-    pub(super) fn written(self, points: &[Vector3<f64>]) -> Self {
+    pub(crate) fn written(self, points: &[Vector3<f64>]) -> Self {
         let round = |x: f64| (x / WRITTEN_M).round() * WRITTEN_M;
         let rough = Self {
             centre: self.centre.map(round),
@@ -68,21 +70,21 @@ impl Capsule {
 
 /// A capsule by the ends of its axis [m].
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Axis {
-    pub(super) from: Vector3<f64>,
-    pub(super) to: Vector3<f64>,
-    pub(super) radius: f64,
+pub(crate) struct Axis {
+    pub(crate) from: Vector3<f64>,
+    pub(crate) to: Vector3<f64>,
+    pub(crate) radius: f64,
 }
 
 impl Axis {
-    pub(super) fn of(capsule: &Capsule) -> Self {
+    pub(crate) fn of(capsule: &Capsule) -> Self {
         let [roll, pitch, yaw] = capsule.rpy;
         let half = Rotation3::from_euler_angles(roll, pitch, yaw) * Vector3::z() * (0.5 * capsule.length);
         let centre = Vector3::from(capsule.centre);
         Self { from: centre - half, to: centre + half, radius: capsule.radius }
     }
 
-    pub(super) fn capsule(&self) -> Capsule {
+    pub(crate) fn capsule(&self) -> Capsule {
         let along = self.to - self.from;
         Capsule {
             centre: ((self.from + self.to) * 0.5).into(),
@@ -92,29 +94,29 @@ impl Axis {
         }
     }
 
-    pub(super) fn volume(&self) -> f64 {
+    pub(crate) fn volume(&self) -> f64 {
         volume(self.radius, (self.to - self.from).norm())
     }
 
     /// The square of how far `point` is from the axis [m²].
-    pub(super) fn squared(&self, point: &Vector3<f64>) -> f64 {
+    pub(crate) fn squared(&self, point: &Vector3<f64>) -> f64 {
         let (along, seen) = (self.to - self.from, point - self.from);
         let share = along.dot(&seen) / along.norm_squared().max(f64::MIN_POSITIVE);
         (seen - along * share.clamp(0.0, 1.0)).norm_squared()
     }
 
     /// How far the capsule reaches along a unit vector [m].
-    pub(super) fn reach(&self, direction: &Vector3<f64>) -> f64 {
+    pub(crate) fn reach(&self, direction: &Vector3<f64>) -> f64 {
         self.from.dot(direction).max(self.to.dot(direction)) + self.radius
     }
 
     /// How far the farthest of `points` is from the axis [m].
-    pub(super) fn farthest(&self, points: &[Vector3<f64>]) -> f64 {
+    pub(crate) fn farthest(&self, points: &[Vector3<f64>]) -> f64 {
         points.iter().map(|point| self.squared(point)).fold(0.0, f64::max).sqrt()
     }
 
     /// For points inside.
-    pub(super) fn frame(&self) -> Inside {
+    pub(crate) fn frame(&self) -> Inside {
         let along = self.to - self.from;
         let length = along.norm();
         let turn = frame(&along.try_normalize(0.0).unwrap_or_else(Vector3::z));
@@ -125,7 +127,7 @@ impl Axis {
 
 /// A place in the unit cube, as what it means in a cylinder and in a ball of radius 1.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Sample {
+pub(crate) struct Sample {
     u: f64,
     root: f64,
     cube_root: f64,
@@ -133,7 +135,7 @@ pub(super) struct Sample {
 }
 
 impl Sample {
-    pub(super) fn at([u, v, w]: [f64; 3]) -> Self {
+    pub(crate) fn at([u, v, w]: [f64; 3]) -> Self {
         let (sin, cos) = (std::f64::consts::TAU * w).sin_cos();
         Self { u, root: v.sqrt(), cube_root: v.cbrt(), direction: [cos, sin] }
     }
@@ -141,7 +143,7 @@ impl Sample {
 
 /// Maps the unit cube to a capsule, equal volumes to equal volumes.
 #[derive(Debug)]
-pub(super) struct Inside {
+pub(crate) struct Inside {
     centre: Vector3<f64>,
     turn: Matrix3<f64>,
     length: f64,
@@ -151,7 +153,7 @@ pub(super) struct Inside {
 }
 
 impl Inside {
-    pub(super) fn at(&self, sample: &Sample) -> Vector3<f64> {
+    pub(crate) fn at(&self, sample: &Sample) -> Vector3<f64> {
         let (z, across) = if sample.u < self.tube {
             (self.length * (sample.u / self.tube - 0.5), self.radius * sample.root)
         } else {
@@ -177,7 +179,7 @@ fn volume(radius: f64, length: f64) -> f64 {
 }
 
 /// A capsule that holds all `points`, of nearly the smallest volume; none for no points.
-pub(super) fn around(points: &[Vector3<f64>]) -> Option<Capsule> {
+pub(crate) fn around(points: &[Vector3<f64>]) -> Option<Capsule> {
     let fits = fits(points, DIRECTIONS);
     let best = fits.into_iter().min_by(|a, b| a.volume().total_cmp(&b.volume()))?;
     Some(best.written(points))
@@ -185,7 +187,7 @@ pub(super) fn around(points: &[Vector3<f64>]) -> Option<Capsule> {
 
 /// The best capsule along each of the principal axes of `points`, to begin a search from: it holds those that
 /// are farthest in [`FEW_DIRECTIONS`].
-pub(super) fn along_each_axis(points: &[Vector3<f64>]) -> Vec<Axis> {
+pub(crate) fn along_each_axis(points: &[Vector3<f64>]) -> Vec<Axis> {
     fits(points, FEW_DIRECTIONS).iter().map(Axis::of).collect()
 }
 
@@ -210,7 +212,7 @@ fn fits(points: &[Vector3<f64>], directions: usize) -> Vec<Capsule> {
 }
 
 /// Unit vectors spread evenly over the sphere: a Fibonacci lattice.
-pub(super) fn sphere(count: usize) -> impl Iterator<Item = Vector3<f64>> {
+pub(crate) fn sphere(count: usize) -> impl Iterator<Item = Vector3<f64>> {
     let golden = std::f64::consts::PI * (3.0 - 5.0_f64.sqrt());
     (0..count).map(move |i| {
         let z = 1.0 - 2.0 * (i as f64 + 0.5) / count as f64;

@@ -6,10 +6,10 @@
 
 use nalgebra::Vector3;
 
-use crate::shapes::capsule::{Axis, along_each_axis};
+use crate::capsule::{Axis, along_each_axis};
 
 /// Points that are dealt together [m].
-pub(super) type Patch = Vec<Vector3<f64>>;
+pub(crate) type Patch = Vec<Vector3<f64>>;
 
 /// Slabs along each axis; a part is any run of them.
 const SLABS: usize = 10;
@@ -34,7 +34,7 @@ impl Choice {
 }
 
 /// Capsules to choose from, the smallest first.
-pub(super) struct Choices {
+pub(crate) struct Choices {
     all: Vec<Choice>,
     /// Patches, those that the fewest choices hold first.
     order: Vec<usize>,
@@ -49,7 +49,7 @@ struct Search {
 }
 
 impl Choices {
-    pub(super) fn new(patches: &[Patch]) -> Self {
+    pub(crate) fn new(patches: &[Patch]) -> Self {
         let mut all: Vec<Choice> = Vec::new();
         for direction in [Vector3::x(), Vector3::y(), Vector3::z()] {
             let slabs = cut(patches, &direction);
@@ -77,7 +77,7 @@ impl Choices {
     }
 
     /// The best covers by at most `count` choices.
-    pub(super) fn covers(&self, count: usize) -> Vec<Vec<Axis>> {
+    pub(crate) fn covers(&self, count: usize) -> Vec<Vec<Axis>> {
         let mut search = Search { steps: 0, chosen: Vec::new(), found: Vec::new() };
         self.branch(count, 0.0, &mut search);
         let axes = |chosen: &Vec<usize>| chosen.iter().filter_map(|i| Some(self.all.get(*i)?.axis)).collect();

@@ -1,9 +1,14 @@
-//! `foretrace config shapes`: capsules around the meshes of a robot description, as URDF to paste.
+//! Capsules around the meshes of a robot description, as URDF to paste.
 //!
 //! Contract: every triangle of a link's meshes lies in its capsules, whole or in parts, with the numbers as
 //! they are written. All or nothing: one mesh that cannot be read refuses the whole, with every reason. A
 //! cylinder is what foretrace reads as a capsule (`arm/bodies.rs`): its ends get half-spheres there, so no
 //! spheres are written beside it.
+//!
+//! In the order of their use: `capsule` (one around points), `choices` (which of many), `cover` (several
+//! around triangles), `mesh` (STL and OBJ).
+
+#![forbid(unsafe_code)]
 
 mod capsule;
 mod choices;
@@ -11,50 +16,31 @@ mod cover;
 mod mesh;
 
 use std::fmt::Write as _;
-use std::io::Write as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use foretrace_config::files::read_text;
 use nalgebra::{Rotation3, Vector3};
 use urdf_rs::{Geometry, Link, Pose};
 
-use crate::failure::Failure;
-use crate::output::{note, say};
-use capsule::Capsule;
+pub use capsule::Capsule;
 use cover::cover;
 use mesh::{Mesh, Search};
 
-/// Propose capsules for links that have only meshes, as a URDF fragment to paste
-///
-/// foretrace keeps the arm clear of itself and of keep-outs by capsules; meshes have no size for it. This
-/// reads the STL and OBJ meshes of the links' collision geometry (of the visual one where a link has none),
-/// puts nearly minimal capsules around all meshes of a link together, and reports how much larger they are.
-/// Look at the result before you rely on it: one capsule around a bent link is wide, two fit better.
-#[derive(Debug, clap::Args)]
-pub(crate) struct ShapesArgs {
-    /// Robot description (URDF)
-    urdf: PathBuf,
+/// Triangles of one link, at most: more tell nothing about its shape, and the search would not end.
+const MOST_TRIANGLES: usize = 2_000_000;
 
-    /// Write the fragment to FILE instead of stdout
-    #[arg(long, value_name = "FILE")]
-    out: Option<PathBuf>,
-
-    /// Folder of a package of package:// URLs; may be given several times
-    #[arg(long = "package", value_name = "NAME=DIR", value_parser = package)]
-    packages: Vec<(String, PathBuf)>,
-
-    /// Most capsules per link, or LINK=N for one link; may be given several times. Fewer are written where
-    /// more do not fit better by 0.2 mm [default: 1]
-    #[arg(long = "capsules", value_name = "N|LINK=N", value_parser = most)]
-    most: Vec<(Option<String>, usize)>,
-
-    /// How far a mesh may stick out of its capsules, for a closer fit: 0 to 5 mm
-    #[arg(long, value_name = "MM", default_value = "0", value_parser = outside)]
-    outside_mm: f64,
+/// How capsules are chosen.
+#[derive(Debug, Clone, Default)]
+pub struct Options {
+    /// Folders of the packages of `package://` URLs, by their names.
+    pub packages: Vec<(String, PathBuf)>,
+    /// Most capsules per link, for one link or (`None`) for all; the last one counts, 1 without any.
+    pub most: Vec<(Option<String>, usize)>,
+    /// How far a mesh may stick out of its capsules \[m\].
+    pub outside_m: f64,
 }
 
-impl ShapesArgs {
-    /// Most capsules of `link`: what was asked last for it, else for all.
+impl Options {
     fn most(&self, link: &str) -> usize {
         let asked = |wanted: Option<&str>| {
             self.most.iter().rev().find(|(name, _)| name.as_deref() == wanted).map(|(_, most)| *most)
@@ -63,72 +49,89 @@ impl ShapesArgs {
     }
 }
 
-/// Triangles of one link, at most: more tell nothing about its shape, and the search would not end.
-const MOST_TRIANGLES: usize = 2_000_000;
-
 /// Capsules of one link, and what they are around.
-struct Proposal {
-    link: String,
-    files: Vec<String>,
-    triangles: usize,
-    /// Of its meshes [m³]; 0 where they enclose nothing.
-    volume: f64,
-    capsules: Vec<Capsule>,
+#[derive(Debug, Clone)]
+pub struct Proposal {
+    /// The link's name.
+    pub link: String,
+    /// Its meshes, as the description names them.
+    pub files: Vec<String>,
+    /// Triangles of all of them.
+    pub triangles: usize,
+    /// Volume of the meshes \[m^3\]; 0 where they enclose nothing.
+    pub volume_m3: f64,
+    /// In the link's frame.
+    pub capsules: Vec<Capsule>,
 }
 
-pub(crate) fn run(args: &ShapesArgs) -> Result<(), Failure> {
-    let wrong = |error: &dyn std::fmt::Display| {
-        Failure::bad_input(
-            format_args!("{}: {error}", args.urdf.display()),
-            "give a robot description in URDF",
-        )
+/// Why there are no capsules.
+#[derive(thiserror::Error)]
+pub enum ShapesError {
+    /// Not a robot description.
+    #[error("{}: {why}", urdf.display())]
+    Description {
+        /// The file.
+        urdf: PathBuf,
+        /// What is wrong with it.
+        why: String,
+    },
+    /// `most` names a link that is not there.
+    #[error("--capsules {link}=N: {} has no link of that name", urdf.display())]
+    UnknownLink {
+        /// The file.
+        urdf: PathBuf,
+        /// The name.
+        link: String,
+    },
+    /// Meshes cannot be used, each with the reason.
+    #[error("{} meshes cannot be used:\n  {}", .0.len(), .0.join("\n  "))]
+    Meshes(Vec<String>),
+    /// No link has only meshes.
+    #[error("{}: no link needs shapes, because none has only meshes", urdf.display())]
+    NotNeeded {
+        /// The file.
+        urdf: PathBuf,
+    },
+}
+
+impl std::fmt::Debug for ShapesError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        std::fmt::Display::fmt(self, f)
+    }
+}
+
+/// Capsules for every link of `urdf` that has only meshes: of its collision geometry, else of its visual one.
+///
+/// # Errors
+///
+/// See [`ShapesError`].
+pub fn propose(urdf: &Path, options: &Options) -> Result<Vec<Proposal>, ShapesError> {
+    let wrong = |error: &dyn std::fmt::Display| ShapesError::Description {
+        urdf: urdf.to_path_buf(),
+        why: error.to_string(),
     };
     let longest = foretrace_control::arm::LONGEST_BYTES as u64;
-    let text = read_text(&args.urdf, longest).map_err(|error| wrong(&error))?;
+    let text = read_text(urdf, longest).map_err(|error| wrong(&error))?;
     let robot = foretrace_control::arm::description(&text).map_err(|error| wrong(&error))?;
     let known = |name: &String| robot.links.iter().any(|link| link.name == *name);
-    if let Some(name) = args.most.iter().filter_map(|(name, _)| name.as_ref()).find(|name| !known(name)) {
-        let what = format_args!("--capsules {name}=N: {} has no link of that name", args.urdf.display());
-        return Err(Failure::bad_input(what, "name a link of the description, or give --capsules N for all"));
+    if let Some(name) = options.most.iter().filter_map(|(name, _)| name.as_ref()).find(|name| !known(name)) {
+        return Err(ShapesError::UnknownLink { urdf: urdf.to_path_buf(), link: name.clone() });
     }
-    let search = Search::new(&args.urdf, args.packages.clone());
+    let search = Search::new(urdf, options.packages.clone());
     let (mut proposals, mut refused) = (Vec::new(), Vec::new());
     for link in &robot.links {
-        match around(link, &search, args.most(&link.name), args.outside_mm * 1e-3) {
+        match around(link, &search, options.most(&link.name), options.outside_m) {
             Ok(proposal) => proposals.extend(proposal),
             Err(why) => refused.extend(why.into_iter().map(|why| format!("link `{}`: {why}", link.name))),
         }
     }
     if !refused.is_empty() {
-        let what = format!("{} meshes cannot be used:\n  {}", refused.len(), refused.join("\n  "));
-        return Err(Failure::bad_input(what, "nothing was written"));
+        return Err(ShapesError::Meshes(refused));
     }
     if proposals.is_empty() {
-        let what =
-            format_args!("{}: no link needs shapes, because none has only meshes", args.urdf.display());
-        return Err(Failure::bad_input(what, "see `foretrace config check` for what the arm keeps clear of"));
+        return Err(ShapesError::NotNeeded { urdf: urdf.to_path_buf() });
     }
-    let fragment = fragment(&proposals, args.outside_mm);
-    let count: usize = proposals.iter().map(|proposal| proposal.capsules.len()).sum();
-    match &args.out {
-        None => say!("{}", fragment.trim_end()),
-        Some(file) => {
-            foretrace_sim::whole::write(file, |out| out.write_all(fragment.as_bytes())).map_err(|error| {
-                Failure::failed(
-                    format_args!("cannot write {}: {error}", file.display()),
-                    "give a writable --out FILE",
-                )
-            })?;
-            say!("{count} capsules written to {}", file.display());
-        }
-    }
-    let most = foretrace_control::clearance::MAX_CAPSULES;
-    if count > most {
-        note!(
-            "config shapes: {count} capsules are more than the {most} that an arm may have: leave some out"
-        );
-    }
-    Ok(())
+    Ok(proposals)
 }
 
 /// At most `most` capsules around the meshes of a link that has no other collision geometry; none for a link
@@ -162,7 +165,13 @@ fn around(link: &Link, search: &Search, most: usize, outside: f64) -> Result<Opt
         return Err(refused);
     }
     let capsules = cover(&triangles, most, outside);
-    Ok(Some(Proposal { link: link.name.clone(), files, triangles: triangles.len(), volume, capsules }))
+    Ok(Some(Proposal {
+        link: link.name.clone(),
+        files,
+        triangles: triangles.len(),
+        volume_m3: volume,
+        capsules,
+    }))
 }
 
 fn mesh(pose: &Pose, geometry: &Geometry, search: &Search) -> Result<(String, Mesh), String> {
@@ -174,7 +183,10 @@ fn mesh(pose: &Pose, geometry: &Geometry, search: &Search) -> Result<(String, Me
     Ok((filename.clone(), mesh))
 }
 
-fn fragment(proposals: &[Proposal], outside_mm: f64) -> String {
+/// The proposals as URDF to paste.
+#[must_use]
+pub fn fragment(proposals: &[Proposal], outside_m: f64) -> String {
+    let outside_mm = outside_m * 1e3;
     let mut out = format!(
         "<!-- Capsules around meshes, by `foretrace config shapes`. Put each <collision> into its link, in \
          place of the mesh.\n     \
@@ -207,7 +219,7 @@ fn fragment(proposals: &[Proposal], outside_mm: f64) -> String {
 /// How much larger the capsules are.
 fn size(proposal: &Proposal) -> String {
     let litres = 1e3 * cover::volume(&proposal.capsules);
-    let mesh = 1e3 * proposal.volume;
+    let mesh = 1e3 * proposal.volume_m3;
     let all = format!("{} triangles; capsules {litres:.3} l", proposal.triangles);
     if (1e-9..=litres).contains(&mesh) {
         format!("{all}, mesh {mesh:.3} l, {:.0} % more", 100.0 * (litres / mesh - 1.0))
@@ -223,35 +235,6 @@ fn escaped(text: &str) -> String {
 /// Two dashes would end a comment.
 fn commented(text: &str) -> String {
     text.replace("--", "- -")
-}
-
-fn outside(text: &str) -> Result<f64, String> {
-    match text.parse() {
-        Ok(mm) if (0.0..=5.0).contains(&mm) => Ok(mm),
-        _ => Err("a number from 0 to 5, in millimetres".to_owned()),
-    }
-}
-
-/// More than an arm may have are of no use.
-fn most(text: &str) -> Result<(Option<String>, usize), String> {
-    let (link, number) = match text.rsplit_once('=') {
-        Some((link, number)) => (Some(link.to_owned()), number),
-        None => (None, text),
-    };
-    let most = foretrace_control::clearance::MAX_CAPSULES;
-    match number.parse() {
-        Ok(count) if (1..=most).contains(&count) => Ok((link, count)),
-        _ => Err(format!("a number from 1 to {most}, or LINK=N for one link, for example forearm_link=2")),
-    }
-}
-
-fn package(text: &str) -> Result<(String, PathBuf), String> {
-    match text.split_once('=') {
-        Some((name, folder)) if !name.is_empty() && !folder.is_empty() => {
-            Ok((name.to_owned(), folder.into()))
-        }
-        _ => Err("NAME=DIR, for example ur_description=/opt/ros/humble/share/ur_description".to_owned()),
-    }
 }
 
 #[cfg(test)]
@@ -278,17 +261,9 @@ mod tests {
                <geometry><mesh filename="a.obj" scale="1 2 1"/></geometry></collision></link></robot>"#,
         )
         .unwrap();
-        let out = folder.path().join("out.xml");
         let most = vec![(None, 2), (Some("l<".to_owned()), 3)];
-        let args = ShapesArgs {
-            urdf: urdf.clone(),
-            out: Some(out.clone()),
-            packages: Vec::new(),
-            most,
-            outside_mm: 0.0,
-        };
-        run(&args).unwrap();
-        let fragment = std::fs::read_to_string(&out).unwrap();
+        let proposals = propose(&urdf, &Options { most, ..Options::default() }).unwrap();
+        let fragment = fragment(&proposals, 0.0);
         let robot = urdf_rs::read_from_string(&format!("<robot name=\"r\">{fragment}</robot>")).unwrap();
         let written = &robot.links[0];
         assert_eq!(written.name, "l<");
@@ -325,17 +300,11 @@ mod tests {
                <mesh filename="package://no_such_description/a.stl"/></geometry></collision></link></robot>"#,
         )
         .unwrap();
-        let out = folder.path().join("out.xml");
-        let refused = run(&ShapesArgs {
-            urdf,
-            out: Some(out.clone()),
-            packages: Vec::new(),
-            most: Vec::new(),
-            outside_mm: 0.0,
-        })
-        .unwrap_err();
-        let words = refused.to_string();
-        assert!(words.contains("`upper`") && words.contains("--package no_such_description=DIR"), "{words}");
-        assert!(!out.exists());
+        let refused = propose(&urdf, &Options::default()).err().unwrap();
+        let message = refused.to_string();
+        assert!(
+            message.contains("`upper`") && message.contains("--package no_such_description=DIR"),
+            "{message}"
+        );
     }
 }

@@ -8,20 +8,20 @@ use serde::Serialize;
 /// Counts by reason. The reasons are words of this program, so there are few.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
 #[serde(transparent)]
-pub(crate) struct Counts(BTreeMap<&'static str, u64>);
+pub struct Counts(BTreeMap<&'static str, u64>);
 
 impl Counts {
-    pub(crate) fn count(&mut self, reason: &'static str) {
+    pub fn count(&mut self, reason: &'static str) {
         let counter = self.0.entry(reason).or_default();
         *counter = counter.saturating_add(1);
     }
 
     #[cfg(test)]
-    pub(crate) fn of(&self, reason: &str) -> u64 {
+    pub fn of(&self, reason: &str) -> u64 {
         self.0.get(reason).copied().unwrap_or(0)
     }
 
-    pub(crate) fn total(&self) -> u64 {
+    pub fn total(&self) -> u64 {
         self.0.values().fold(0, |sum, count| sum.saturating_add(*count))
     }
 }
@@ -38,15 +38,15 @@ impl Display for Counts {
 
 /// Samples by what became of them.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
-pub(crate) struct Samples {
+pub struct Samples {
     /// Passed on to the loop.
-    pub(crate) passed: u64,
+    pub passed: u64,
     /// Passed on, but no daemon listened.
-    pub(crate) unheard: u64,
+    pub unheard: u64,
     /// Sane, but the shared memory did not take them.
-    pub(crate) failed: u64,
+    pub failed: u64,
     /// Refused, by reason.
-    pub(crate) refused: Counts,
+    pub refused: Counts,
 }
 
 impl Display for Samples {
@@ -64,15 +64,15 @@ impl Display for Samples {
 
 /// Everything since the gateway opened; keys are stable.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
-pub(crate) struct Tally {
+pub struct Tally {
     /// Clients let in.
-    pub(crate) clients: u64,
+    pub clients: u64,
     /// Clients turned away, by reason.
-    pub(crate) turned_away: Counts,
+    pub turned_away: Counts,
     /// Ends of connections, by reason.
-    pub(crate) ended: Counts,
+    pub ended: Counts,
     /// Samples of all clients.
-    pub(crate) samples: Samples,
+    pub samples: Samples,
 }
 
 impl Display for Tally {

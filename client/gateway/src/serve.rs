@@ -8,42 +8,41 @@ use std::net::Shutdown;
 use std::os::unix::net::UnixStream;
 use std::time::{Duration, Instant};
 
-use foretrace_client::PenSample;
 use foretrace_serve::admission::Admission;
 use foretrace_serve::frames::{Frames, Over};
 use foretrace_shm::gateway::{BODY_BYTES, Frame, FrameError, WELCOME};
+use foretrace_shm::{PenSample, peer_user};
 
-use super::holder::Holder;
-use super::socket::Socket;
-use super::tally::{Samples, Tally};
-use crate::os;
+use crate::holder::Holder;
+use crate::socket::Socket;
+use crate::tally::{Samples, Tally};
 
 /// Longest wait for bytes of the client, and so between two looks at new connections.
 const WAIT: Duration = Duration::from_millis(20);
 /// A client over its rate is read no faster than once per this time.
 const THROTTLE: Duration = Duration::from_millis(1);
-/// Clients that are answered in one round.
-const KNOCKS: usize = 16;
+/// Connections that are answered in one round.
+const MOST_ACCEPTED: usize = 16;
 
 /// The gateway's limits.
 #[derive(Debug, Clone)]
-pub(crate) struct Policy {
+pub struct Policy {
     /// Users that may come in.
-    pub(crate) allowed: Vec<u32>,
+    pub allowed: Vec<u32>,
     /// Samples per second in the long run.
-    pub(crate) rate: u32,
+    pub rate: u32,
     /// Samples at once.
-    pub(crate) burst: u32,
+    pub burst: u32,
     /// Longest time from the first byte of a frame to its last.
-    pub(crate) frame_time: Duration,
+    pub frame_time: Duration,
     /// A client of which nothing, or too little for a pen, passed for this long gives way to the next one
     /// that connects.
-    pub(crate) silence: Duration,
+    pub silence: Duration,
 }
 
 /// What became of a sample that passed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Delivery {
+pub enum Delivery {
     Heard,
     Unheard,
     Failed,
@@ -63,7 +62,7 @@ struct Client {
 
 /// The gateway; `Deliver` takes every sample that passes.
 #[derive(Debug)]
-pub(crate) struct Gateway<Deliver> {
+pub struct Gateway<Deliver> {
     socket: Socket,
     policy: Policy,
     admission: Admission,
@@ -75,18 +74,18 @@ pub(crate) struct Gateway<Deliver> {
 
 impl<Deliver: FnMut(PenSample) -> Delivery> Gateway<Deliver> {
     /// A gateway behind `socket`; `now_ns`: the monotonic clock.
-    pub(crate) fn new(socket: Socket, policy: Policy, deliver: Deliver, now_ns: fn() -> u64) -> Self {
+    pub fn new(socket: Socket, policy: Policy, deliver: Deliver, now_ns: fn() -> u64) -> Self {
         let admission = Admission::new(policy.rate, policy.burst, now_ns());
         Self { socket, policy, admission, client: None, tally: Tally::default(), deliver, now_ns }
     }
 
     /// What came and went so far.
-    pub(crate) fn tally(&self) -> &Tally {
+    pub fn tally(&self) -> &Tally {
         &self.tally
     }
 
     /// The user that is in.
-    pub(crate) fn user(&self) -> Option<u32> {
+    pub fn user(&self) -> Option<u32> {
         self.client.as_ref().map(|client| client.user)
     }
 
@@ -95,9 +94,9 @@ impl<Deliver: FnMut(PenSample) -> Delivery> Gateway<Deliver> {
     /// # Errors
     ///
     /// The socket takes no clients any more.
-    pub(crate) fn round(&mut self) -> io::Result<()> {
-        for _ in 0..KNOCKS {
-            match self.socket.knock()? {
+    pub fn round(&mut self) -> io::Result<()> {
+        for _ in 0..MOST_ACCEPTED {
+            match self.socket.accept()? {
                 Some(stream) => self.answer(stream),
                 None => break,
             }
@@ -113,7 +112,7 @@ impl<Deliver: FnMut(PenSample) -> Delivery> Gateway<Deliver> {
     }
 
     /// Ends the connection and gives the last counts.
-    pub(crate) fn close(mut self) -> Tally {
+    pub fn close(mut self) -> Tally {
         if let Some(client) = self.client.take() {
             self.end(client, "the gateway ends");
         }
@@ -124,7 +123,7 @@ impl<Deliver: FnMut(PenSample) -> Delivery> Gateway<Deliver> {
     fn answer(&mut self, mut stream: UnixStream) {
         let timeouts =
             stream.set_read_timeout(Some(WAIT)).and_then(|()| stream.set_write_timeout(Some(WAIT)));
-        let user = timeouts.and_then(|()| os::peer_user(&stream));
+        let user = timeouts.and_then(|()| peer_user(&stream));
         let refusal = match user {
             Err(_) => Some("user unknown"),
             Ok(user) if !self.policy.allowed.contains(&user) => Some("user not allowed"),

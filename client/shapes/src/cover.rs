@@ -18,11 +18,11 @@ use std::sync::LazyLock;
 
 use nalgebra::Vector3;
 
-use crate::shapes::capsule::{Axis, Capsule, Sample, around, sphere};
-use crate::shapes::choices::{Choices, Patch};
+use crate::capsule::{Axis, Capsule, Sample, around, sphere};
+use crate::choices::{Choices, Patch};
 
 /// Three corners [m].
-pub(super) type Triangle = [Vector3<f64>; 3];
+pub(crate) type Triangle = [Vector3<f64>; 3];
 
 /// Edges of the pieces that are dealt out, and patches of the search, as a share of the mesh's size.
 const PATCH: f64 = 1.0 / 20.0;
@@ -43,7 +43,7 @@ const WORTH_M: f64 = 2e-4;
 
 /// At most `most` capsules out of which no point of a triangle sticks by more than `outside` \[m\]; none for
 /// no triangles.
-pub(super) fn cover(triangles: &[Triangle], most: usize, outside: f64) -> Vec<Capsule> {
+pub(crate) fn cover(triangles: &[Triangle], most: usize, outside: f64) -> Vec<Capsule> {
     let corners: Vec<Vector3<f64>> = triangles.iter().flatten().copied().collect();
     let Some(one) = around(&corners) else { return Vec::new() };
     if most < 2 {
@@ -283,16 +283,16 @@ fn union(axes: &[Axis], samples: &[Sample]) -> f64 {
 }
 
 /// The volume that capsules fill together [m³].
-pub(super) fn volume(capsules: &[Capsule]) -> f64 {
+pub(crate) fn volume(capsules: &[Capsule]) -> f64 {
     let axes: Vec<Axis> = capsules.iter().map(Axis::of).collect();
     union(&axes, &SAMPLED)
 }
 
 /// xorshift64* with a fixed seed: the same mesh gives the same capsules.
-pub(super) struct Dice(u64);
+pub(crate) struct Dice(u64);
 
 impl Dice {
-    pub(super) const fn new() -> Self {
+    pub(crate) const fn new() -> Self {
         Self(0x5eed_cafe)
     }
 
@@ -304,7 +304,7 @@ impl Dice {
         (self.0.wrapping_mul(0x2545_f491_4f6c_dd1d) >> 11) as f64 / (1_u64 << 53) as f64
     }
 
-    pub(super) fn below(&mut self, count: usize) -> usize {
+    pub(crate) fn below(&mut self, count: usize) -> usize {
         ((self.unit() * count as f64) as usize).min(count.saturating_sub(1))
     }
 
@@ -321,7 +321,7 @@ impl Dice {
 /// Whether every point of a triangle lies in some capsule or at most `slack` \[m\] outside, by halving it
 /// until each part lies in one.
 #[cfg(test)]
-pub(super) fn held(cover: &[Axis], triangle: &Triangle, slack: f64) -> bool {
+pub(crate) fn held(cover: &[Axis], triangle: &Triangle, slack: f64) -> bool {
     let mut open = vec![(*triangle, 0)];
     while let Some(([a, b, c], depth)) = open.pop() {
         let inside =

@@ -8,24 +8,24 @@ use std::path::{Path, PathBuf};
 
 use nalgebra::Vector3;
 
-use crate::shapes::cover::Triangle;
+use crate::cover::Triangle;
 
 /// Larger files are refused [bytes].
 const LARGEST: u64 = 256 << 20;
 
 /// Where meshes may be.
 #[derive(Debug, Clone)]
-pub(super) struct Search {
+pub(crate) struct Search {
     /// Folder of the description.
-    pub(super) folder: PathBuf,
+    pub(crate) folder: PathBuf,
     /// `--package NAME=DIR`.
-    pub(super) packages: Vec<(String, PathBuf)>,
+    pub(crate) packages: Vec<(String, PathBuf)>,
     /// Folders that hold packages, from the environment.
-    pub(super) shelves: Vec<PathBuf>,
+    pub(crate) shelves: Vec<PathBuf>,
 }
 
 impl Search {
-    pub(super) fn new(urdf: &Path, packages: Vec<(String, PathBuf)>) -> Self {
+    pub(crate) fn new(urdf: &Path, packages: Vec<(String, PathBuf)>) -> Self {
         let absolute = std::path::absolute(urdf).unwrap_or_else(|_| urdf.to_path_buf());
         let folder = absolute.parent().map_or_else(|| PathBuf::from("/"), Path::to_path_buf);
         let listed = |name: &str| {
@@ -41,7 +41,7 @@ impl Search {
     /// # Errors
     ///
     /// No such package or file, in words.
-    pub(super) fn find(&self, name: &str) -> Result<PathBuf, String> {
+    pub(crate) fn find(&self, name: &str) -> Result<PathBuf, String> {
         let path = match name.strip_prefix("package://") {
             Some(rest) => {
                 let (package, inside) = rest.split_once('/').unwrap_or((rest, ""));
@@ -77,10 +77,10 @@ impl Search {
 
 /// The triangles of a mesh.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Mesh {
-    pub(super) triangles: Vec<Triangle>,
+pub(crate) struct Mesh {
+    pub(crate) triangles: Vec<Triangle>,
     /// Enclosed by the triangles [m³]; 0 where they enclose nothing.
-    pub(super) volume: f64,
+    pub(crate) volume: f64,
 }
 
 /// Reads `file`, every vertex moved by `placed`.
@@ -88,7 +88,7 @@ pub(super) struct Mesh {
 /// # Errors
 ///
 /// What is wrong with it, in words.
-pub(super) fn read(file: &Path, placed: impl Fn(Vector3<f64>) -> Vector3<f64>) -> Result<Mesh, String> {
+pub(crate) fn read(file: &Path, placed: impl Fn(Vector3<f64>) -> Vector3<f64>) -> Result<Mesh, String> {
     let wrong = |why: &dyn std::fmt::Display| format!("{}: {why}", file.display());
     let extension =
         file.extension().map(|found| found.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
@@ -134,7 +134,7 @@ pub(super) fn read(file: &Path, placed: impl Fn(Vector3<f64>) -> Vector3<f64>) -
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::shapes::cover::Dice;
+    use crate::cover::Dice;
 
     /// A cube with edges of 2, one corner at the origin, as triangles that look outwards.
     fn cube() -> Vec<[[f32; 3]; 3]> {

@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 
 /// A socket that clients can connect to. Dropping it removes its file.
 #[derive(Debug)]
-pub(crate) struct Socket {
+pub struct Socket {
     listener: UnixListener,
     path: PathBuf,
     identity: (u64, u64),
@@ -20,9 +20,9 @@ pub(crate) struct Socket {
 
 /// Why there is no socket.
 #[derive(Debug)]
-pub(crate) struct SocketError {
-    pub(crate) what: String,
-    pub(crate) remedy: &'static str,
+pub struct SocketError {
+    pub what: String,
+    pub remedy: &'static str,
 }
 
 fn wrong(path: &Path, what: impl std::fmt::Display, remedy: &'static str) -> SocketError {
@@ -35,7 +35,7 @@ impl Socket {
     /// # Errors
     ///
     /// The folder is missing or open to others, the path is taken, or the system refuses.
-    pub(crate) fn open(path: &Path, mode: u32, group: Option<u32>) -> Result<Self, SocketError> {
+    pub fn open(path: &Path, mode: u32, group: Option<u32>) -> Result<Self, SocketError> {
         let user = foretrace_shm::effective_user();
         let folder = match path.parent() {
             Some(parent) if !parent.as_os_str().is_empty() => parent,
@@ -80,8 +80,8 @@ impl Socket {
         Ok(socket)
     }
 
-    /// The next client that knocks, if one does.
-    pub(crate) fn knock(&self) -> io::Result<Option<UnixStream>> {
+    /// The next pending connection, if there is one.
+    pub fn accept(&self) -> io::Result<Option<UnixStream>> {
         match self.listener.accept() {
             Ok((stream, _)) => Ok(Some(stream)),
             Err(error)

@@ -1,19 +1,10 @@
 //! `foretrace gateway`: pen samples from programs of other users, which have no access to the shared memory.
-//!
-//! Contract: what comes over the socket reaches the loop only if the kernel names an allowed user, the frames
-//! are well formed, and each sample is finite, in range, of this moment, later than the one before and within
-//! the rate. Everything that is refused is counted by reason and reported. In the order of a sample's way:
-//! `socket`, `serve`, then `foretrace_serve::admission`; `tally` counts.
-
-mod holder;
-mod serve;
-mod socket;
-mod tally;
 
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use foretrace_client::{Claimant, Foretrace, HolderKind, PenFeed, PenSample, Place, monotonic_now_ns};
+use foretrace_gateway::{Delivery, Gateway, Policy, Socket, Tally};
 
 use crate::attach::{Lookout, News, attach_within, unattached};
 use crate::failure::Failure;
@@ -21,8 +12,6 @@ use crate::interrupt::Interrupt;
 use crate::output::{JsonArgs, note, say};
 use crate::place::{TakeOver, handed_over};
 use crate::settings::InstanceArgs;
-use serve::{Delivery, Gateway, Policy};
-use socket::Socket;
 
 /// Accept pen samples from programs of other users, over a socket, checked
 ///
@@ -183,12 +172,12 @@ impl Pen {
 struct Told {
     every: Duration,
     last: Instant,
-    tally: tally::Tally,
+    tally: Tally,
 }
 
 impl Told {
     fn new(every: Duration) -> Self {
-        Self { every, last: Instant::now(), tally: tally::Tally::default() }
+        Self { every, last: Instant::now(), tally: Tally::default() }
     }
 
     fn tell<D: FnMut(PenSample) -> Delivery>(&mut self, gateway: &Gateway<D>) {
