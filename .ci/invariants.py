@@ -28,6 +28,9 @@ ROOMS = {
         "stretch", "score", "what_if", "picture", "page",
     ],
     "client/live/src": ["source", "relay", "recorder", "trace", "flight", "last_flight", "stages", "metrics", "foxglove"],
+    "client/doctor/src": [
+        "bounded", "machine", "finding", "kernel", "rights", "cpu", "load", "memory", "leftovers", "rehearsal", "torque", "robot",
+    ],
     "client/gateway/src": ["holder", "socket", "tally", "serve"],
     "client/serve/src": ["peers", "metered", "http", "guard", "websocket", "frames", "admission"],
     "client/console/src": [
@@ -103,6 +106,7 @@ def layers_point_downwards() -> None:
         "foretrace-ur-sim": {"foretrace-config", "foretrace-control", "foretrace-sim", "foretrace-ur"},
         "foretrace-record": {"foretrace-shm", "foretrace-config", "foretrace-control", "foretraced", "foretrace-sim"},
         "foretrace-live": {"foretrace-shm", "foretrace-client", "foretrace-serve", "foretrace-sim", "foretrace-record"},
+        "foretrace-doctor": {"foretrace-shm", "foretrace-client", "foretrace-config", "foretraced", "foretrace-sim", "foretrace-ur"},
         "foretrace-lab": {"foretrace-config", "foretrace-control", "foretrace-sim"},
     }
     for package in json.loads(cargo("metadata", "--format-version", "1", "--no-deps"))["packages"]:

@@ -14,5 +14,6 @@ pub mod path;
 pub mod arm;
 pub mod lag;
 pub mod metrics;
+pub mod spread;
 pub mod plot;
 pub mod whole;

@@ -16,7 +16,7 @@ use super::gathered::{Gathered, JointUse, StopNote, TickNote};
 use crate::extent::ExtentFigures;
 use crate::failure::Failure;
 use crate::ghost::Comparison;
-use crate::spread::{Quantiles, Spread};
+use foretrace_sim::spread::{Quantiles, Spread};
 
 /// The result of a demo.
 #[derive(Debug, Serialize)]
@@ -250,7 +250,7 @@ pub(crate) fn figures(
     let score = scored.and_then(|scored| tracking(&gathered.pen, &scored.tool));
     let armed_s = gathered.ticks.first().map_or(0.0, |tick| tick.t_s);
     let spread = |stage: Stage| {
-        let mut spread = Spread::new();
+        let mut spread = Spread::default();
         gathered.ticks.iter().for_each(|tick| spread.add_ns(u64::from(tick.stage_ns(stage))));
         spread.quantiles()
     };

@@ -4,7 +4,7 @@ use foretrace_record::page::late_words;
 use serde_json::Value;
 
 use super::figures::Figures;
-use crate::spread::Quantiles;
+use foretrace_sim::spread::Quantiles;
 
 /// One tool against the pen: where each figure stands in the JSON, and the figure.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -16,13 +16,13 @@ use foretrace_client::{Foretrace, Status, StatusReader, monotonic_now_ns};
 use serde_json::Value;
 
 use crate::attach::{Lookout, News, unattached};
-use crate::bounded;
 use crate::failure::{Cause, Failure};
 use crate::interrupt::Interrupt;
 use crate::output::{JsonArgs, clear_screen, paint, say};
 use crate::settings::InstanceArgs;
 use crate::terminal::{self, Keys};
 use alarm::Alarm;
+use foretrace_doctor::bounded;
 use held::Held;
 use screen::Tone;
 

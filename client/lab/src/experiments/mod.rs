@@ -79,9 +79,7 @@ pub(crate) fn learner_for(
     settings: &FollowerSettings<JOINTS>,
     kind: PredictorKind,
 ) -> Result<Option<Learner>, ExperimentError> {
-    let learns =
-        [PredictorKind::DYBM, PredictorKind::DYBM_ESN, PredictorKind::AR_RLS, PredictorKind::MIXTURE];
-    if !learns.contains(&kind) {
+    if !kind.learns() {
         return Ok(None);
     }
     let ahead_ns = settings.dead_time_ns.saturating_sub(settings.servo_ns()) + settings.response_ns;
@@ -109,5 +107,21 @@ pub(crate) fn median(values: impl Iterator<Item = f64>) -> f64 {
         (Some(high), 0) => 0.5 * (high + sorted.get(middle.wrapping_sub(1)).unwrap_or(high)),
         (Some(value), _) => *value,
         (None, _) => f64::NAN,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_predictor_that_learns_is_taught_in_every_experiment() {
+        let config = Config::parse("preset = \"ur5\"\n", "t.toml", ".").unwrap();
+        let facts = ArmFacts { group_delay_s: None, look_ahead_s: 0.0, servo: false, effort: None };
+        for kind in PredictorKind::ALL {
+            let settings = settings_for(&config, &facts, kind);
+            assert_eq!(learner_for(&config, &settings, kind).unwrap().is_some(), kind.learns(), "{kind:?}");
+        }
+        assert!(PredictorKind::MIXTURE.learns() && !PredictorKind::LSTM.learns());
     }
 }

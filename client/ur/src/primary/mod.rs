@@ -22,8 +22,6 @@ use crate::rtde::value::take;
 
 /// Port of the primary interface.
 pub const PRIMARY_PORT: u16 = 30001;
-/// Port of the secondary interface.
-pub const SECONDARY_PORT: u16 = 30002;
 
 /// Longest package that is believed \[bytes\].
 pub const LARGEST: usize = 65_536;

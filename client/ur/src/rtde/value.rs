@@ -208,12 +208,6 @@ impl Value {
         if let Self::Uint32(value) = self { Some(value) } else { None }
     }
 
-    /// A `UINT64`, else `None`.
-    #[must_use]
-    pub const fn uint64(self) -> Option<u64> {
-        if let Self::Uint64(value) = self { Some(value) } else { None }
-    }
-
     /// A `UINT8`, else `None`.
     #[must_use]
     pub const fn uint8(self) -> Option<u8> {
@@ -224,12 +218,6 @@ impl Value {
     #[must_use]
     pub const fn bool(self) -> Option<bool> {
         if let Self::Bool(value) = self { Some(value) } else { None }
-    }
-
-    /// A `VECTOR3D`, else `None`.
-    #[must_use]
-    pub const fn vector3d(self) -> Option<[f64; 3]> {
-        if let Self::Vector3d(value) = self { Some(value) } else { None }
     }
 
     /// A `VECTOR6D`, else `None`.

@@ -82,13 +82,6 @@ impl AxisLimits {
         [here.min(end).min(turns), here.max(end).max(turns)]
     }
 
-    /// How long `speed` \[m/s\] takes to rest \[s\].
-    #[must_use]
-    pub fn stopping_s(&self, speed: f64) -> f64 {
-        let [jerk, most] = [self.jerk_mps3, self.acceleration_mps2];
-        if speed * jerk <= most * most { 2.0 * (speed / jerk).sqrt() } else { speed / most + most / jerk }
-    }
-
     /// The highest speed that is at rest after `seconds` \[m/s\], at most [`Self::velocity_mps`].
     #[must_use]
     pub fn stoppable_mps(&self, seconds: f64) -> f64 {
@@ -152,6 +145,12 @@ mod tests {
     const LIMITS: AxisLimits =
         AxisLimits { jerk_mps3: 800.0, acceleration_mps2: 12.0, velocity_mps: 1.0, position_m: [-0.2, 0.2] };
 
+    /// How long `speed` takes to rest within `limits` \[s\].
+    fn stopping_s(limits: &AxisLimits, speed: f64) -> f64 {
+        let [jerk, most] = [limits.jerk_mps3, limits.acceleration_mps2];
+        if speed * jerk <= most * most { 2.0 * (speed / jerk).sqrt() } else { speed / most + most / jerk }
+    }
+
     fn states() -> impl Iterator<Item = AxisState> {
         let speeds = [-0.9, -0.3, -0.02, 0.0, 0.05, 0.4, 0.9];
         let accelerations = [-12.0, -5.0, -1.0, 0.0, 2.0, 8.0, 12.0];
@@ -184,7 +183,7 @@ mod tests {
     fn the_speed_that_is_at_rest_in_time_is() {
         for seconds in [0.002, 0.02, 0.05, 0.5] {
             let speed = LIMITS.stoppable_mps(seconds);
-            let exact = LIMITS.stopping_s(speed);
+            let exact = stopping_s(&LIMITS, speed);
             assert!(
                 speed == 1.0 && exact <= seconds || (exact - seconds).abs() < 1e-12,
                 "{seconds}: {speed}"

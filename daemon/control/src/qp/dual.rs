@@ -151,12 +151,6 @@ impl<const B: usize, const L: usize, const W: usize> DualActiveSet<B, L, W> {
         self.row.iter().copied().zip(self.side.iter().copied()).take(self.count)
     }
 
-    /// Number of active rows.
-    #[must_use]
-    pub const fn active_count(&self) -> usize {
-        self.count
-    }
-
     /// Move the active multipliers so that the active rows change by −`change` (in order of entry), the
     /// others being still: one step of iterative refinement. Returns Σ G_·j Δz_j, by which all rows drop.
     ///

@@ -62,12 +62,6 @@ pub struct Study {
 }
 
 impl Study {
-    /// Only what the loop can give.
-    #[must_use]
-    pub const fn is_for_the_loop(&self) -> bool {
-        matches!(self.context, Context::Short | Context::Second)
-    }
-
     /// Steps of a block of the history.
     #[must_use]
     pub fn block(&self, step_s: f64) -> usize {

@@ -2,12 +2,12 @@
 
 use foretrace_config::Config;
 
-use super::finding::Finding;
+use crate::finding::Finding;
 
 const NAME: &str = "torque";
 
 /// Never makes a machine unfit: it is about the arm.
-pub(super) fn judge(config: &Config) -> Finding {
+pub(crate) fn judge(config: &Config) -> Finding {
     let room = match config.headroom() {
         Ok(room) => room,
         Err(error) => {
@@ -36,7 +36,7 @@ pub(super) fn judge(config: &Config) -> Finding {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::doctor::finding::Level;
+    use crate::finding::Level;
     use foretrace_config::Draft;
 
     #[test]

@@ -11,10 +11,10 @@ use foretrace_client::Instance;
 use foretrace_shm::{Cleaned, InstanceError, Leftovers, Prefixed, SHARED_MEMORY, effective_user, prefixed};
 use serde::Serialize;
 
-use super::finding::Finding;
-use super::machine::{Machine, Silent};
+use crate::DoctorError;
 use crate::bounded::{asked, within};
-use crate::failure::Failure;
+use crate::finding::Finding;
+use crate::machine::{Machine, Silent};
 
 const LEFTOVERS: &str = "leftovers";
 /// Milliseconds are usual.
@@ -22,7 +22,7 @@ const PATIENCE: Duration = Duration::from_secs(3);
 
 /// What was removed from one instance; keys are stable.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-pub(super) struct Removed {
+pub struct Removed {
     instance: u32,
     root: PathBuf,
     dead_nodes: usize,
@@ -35,21 +35,21 @@ type Found = (Instance, Option<Result<Leftovers, InstanceError>>);
 
 /// Which instances to look at: one with a folder of its own is private and stands alone.
 #[derive(Debug)]
-pub(super) struct Scope {
+pub(crate) struct Scope {
     instances: Vec<Instance>,
     alone: bool,
 }
 
 impl Scope {
     /// The instance of the settings, and unless it is private all others of this user.
-    pub(super) fn new(own: &Instance, everybody: &[Instance], private: bool) -> Self {
+    pub(crate) fn new(own: &Instance, everybody: &[Instance], private: bool) -> Self {
         let instances = if private { vec![own.clone()] } else { everybody.to_vec() };
         Self { instances, alone: private }
     }
 }
 
 /// The instance of the settings first, then all others of this user that can be found.
-pub(super) fn in_sight(own: &Instance) -> Vec<Instance> {
+pub(crate) fn in_sight(own: &Instance) -> Vec<Instance> {
     let mut roots: Vec<PathBuf> = Vec::new();
     // Demos that were killed.
     for entry in std::fs::read_dir("/tmp").into_iter().flatten().flatten() {
@@ -63,12 +63,12 @@ pub(super) fn in_sight(own: &Instance) -> Vec<Instance> {
 }
 
 /// A running daemon of any of them: instance and process.
-pub(super) fn daemon(instances: &[Instance]) -> Option<(u32, u32)> {
+pub(crate) fn daemon(instances: &[Instance]) -> Option<(u32, u32)> {
     instances.iter().find_map(|instance| instance.daemon().map(|mark| (instance.number(), mark.pid)))
 }
 
 /// Removes what dead processes left behind, and reports each instance at once: a later one may fail.
-pub(super) fn clean(scope: &Scope, mut tell: impl FnMut(&Removed)) -> Result<Vec<Removed>, Failure> {
+pub(crate) fn clean(scope: &Scope, mut tell: impl FnMut(&Removed)) -> Result<Vec<Removed>, DoctorError> {
     let mut removed = Vec::new();
     for instance in &scope.instances {
         let there = instance.clone();
@@ -76,7 +76,7 @@ pub(super) fn clean(scope: &Scope, mut tell: impl FnMut(&Removed)) -> Result<Vec
             Some(Ok(cleaned)) => cleaned,
             Some(Err(error)) => {
                 let what = format!("instance {} not cleaned: {error}", instance.number());
-                return Err(Failure::failed(what, ""));
+                return Err(DoctorError::failed(what, ""));
             }
             None => {
                 let what = format!(
@@ -84,7 +84,7 @@ pub(super) fn clean(scope: &Scope, mut tell: impl FnMut(&Removed)) -> Result<Vec
                     instance.number(),
                     PATIENCE.as_secs()
                 );
-                return Err(Failure::failed(what, by_hand(instance)));
+                return Err(DoctorError::failed(what, by_hand(instance)));
             }
         };
         let Cleaned { nodes, segments, bytes, failed } = cleaned;
@@ -93,7 +93,7 @@ pub(super) fn clean(scope: &Scope, mut tell: impl FnMut(&Removed)) -> Result<Vec
                 "{failed} nodes of dead processes in instance {} could not be cleaned up",
                 instance.number()
             );
-            return Err(Failure::failed(what, by_hand(instance)));
+            return Err(DoctorError::failed(what, by_hand(instance)));
         }
         if cleaned != Cleaned::default() {
             let root = instance.root().to_path_buf();
@@ -107,7 +107,7 @@ pub(super) fn clean(scope: &Scope, mut tell: impl FnMut(&Removed)) -> Result<Vec
 
 impl Removed {
     /// For people.
-    pub(super) fn told(&self) -> String {
+    pub fn told(&self) -> String {
         format!(
             "removed of instance {} ({}): {} nodes of dead processes, {} files in {SHARED_MEMORY}, {} KiB",
             self.instance,
@@ -120,7 +120,7 @@ impl Removed {
 }
 
 /// What is left behind now.
-pub(super) fn judge(machine: &Machine, scope: &Scope) -> Finding {
+pub(crate) fn judge(machine: &Machine, scope: &Scope) -> Finding {
     // All at once: several that hang take no longer than one.
     let look = |instance: &Instance| {
         let there = instance.clone();
@@ -229,9 +229,9 @@ fn owner_differs(machine: &Machine, process: &str, user: u32) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::super::finding::Level;
-    use super::super::machine::made_up::MadeUp;
     use super::*;
+    use crate::finding::Level;
+    use crate::machine::made_up::MadeUp;
 
     fn instance(number: u32) -> Instance {
         Instance::at(number, format!("/tmp/no-such-folder-{number}")).unwrap()

@@ -1,7 +1,7 @@
 //! The kernel: pre-emption, throttling of real-time threads, clock source.
 
-use super::finding::{Finding, Need};
-use super::machine::{Machine, Silent};
+use crate::finding::{Finding, Need};
+use crate::machine::{Machine, Silent};
 
 const PREEMPTION: &str = "kernel-preemption";
 const THROTTLING: &str = "rt-throttling";
@@ -26,11 +26,11 @@ enum Model {
 
 /// Pre-emption of the kernel itself. Source: kernel/Kconfig.preempt, `preempt=` in
 /// admin-guide/kernel-parameters.
-pub(super) fn preemption(machine: &Machine) -> Finding {
+pub(crate) fn preemption(machine: &Machine) -> Finding {
     let path = "proc/sys/kernel/version";
     let version = match machine.text(path) {
         Ok(version) if version.contains('#') => version,
-        Ok(version) => return Finding::unseen(PREEMPTION, path, super::machine::garbage(path, &version)),
+        Ok(version) => return Finding::unseen(PREEMPTION, path, crate::machine::garbage(path, &version)),
         Err(silent) => return Finding::unseen(PREEMPTION, path, silent),
     };
     let boot =
@@ -113,7 +113,7 @@ fn built(machine: &Machine) -> Option<Model> {
 
 /// The share of each period that real-time threads may take together. Source: scheduler/sched-rt-group in the
 /// kernel's documentation.
-pub(super) fn throttling(machine: &Machine, need: &Need) -> Finding {
+pub(crate) fn throttling(machine: &Machine, need: &Need) -> Finding {
     let (runtime_path, period_path) =
         ("proc/sys/kernel/sched_rt_runtime_us", "proc/sys/kernel/sched_rt_period_us");
     let runtime: i64 = match machine.value(runtime_path) {
@@ -126,7 +126,7 @@ pub(super) fn throttling(machine: &Machine, need: &Need) -> Finding {
     let period: i64 = match machine.value(period_path) {
         Ok(period) if period > 0 => period,
         Ok(period) => {
-            let silent = super::machine::garbage(period_path, &period.to_string());
+            let silent = crate::machine::garbage(period_path, &period.to_string());
             return Finding::unseen(THROTTLING, period_path, silent);
         }
         Err(silent) => return Finding::unseen(THROTTLING, period_path, silent),
@@ -154,12 +154,12 @@ pub(super) fn throttling(machine: &Machine, need: &Need) -> Finding {
 
 /// The hardware behind CLOCK_MONOTONIC: slow ones cost a microsecond or a system call at each of a tick's
 /// dozen readings.
-pub(super) fn clock(machine: &Machine) -> Finding {
+pub(crate) fn clock(machine: &Machine) -> Finding {
     let folder = "sys/devices/system/clocksource/clocksource0";
     let path = format!("{folder}/current_clocksource");
     let current = match machine.text(&path) {
         Ok(current) if is_word(&current) => current,
-        Ok(current) => return Finding::unseen(CLOCK, &path, super::machine::garbage(&path, &current)),
+        Ok(current) => return Finding::unseen(CLOCK, &path, crate::machine::garbage(&path, &current)),
         Err(silent) => return Finding::unseen(CLOCK, &path, silent),
     };
     match current.as_str() {
@@ -197,7 +197,7 @@ fn is_word(text: &str) -> bool {
 }
 
 /// The content of a file that may legitimately be absent.
-pub(super) fn if_there<T>(read: Result<T, Silent>) -> Result<Option<T>, Silent> {
+pub(crate) fn if_there<T>(read: Result<T, Silent>) -> Result<Option<T>, Silent> {
     match read {
         Ok(value) => Ok(Some(value)),
         Err(Silent::Missing) => Ok(None),
@@ -207,9 +207,9 @@ pub(super) fn if_there<T>(read: Result<T, Silent>) -> Result<Option<T>, Silent> 
 
 #[cfg(test)]
 mod tests {
-    use super::super::finding::Level;
-    use super::super::machine::made_up::MadeUp;
     use super::*;
+    use crate::finding::Level;
+    use crate::machine::made_up::MadeUp;
 
     const VERSION: &str = "proc/sys/kernel/version";
 

@@ -4,10 +4,7 @@ use std::sync::mpsc::{self, Receiver};
 use std::time::Duration;
 
 /// The answer of `ask`, unless it takes too long.
-pub(crate) fn within<T: Send + 'static>(
-    patience: Duration,
-    ask: impl FnOnce() -> T + Send + 'static,
-) -> Option<T> {
+pub fn within<T: Send + 'static>(patience: Duration, ask: impl FnOnce() -> T + Send + 'static) -> Option<T> {
     asked(ask)?.recv_timeout(patience).ok()
 }
 

@@ -7,15 +7,15 @@ use foretrace_client::Instance;
 use foretraced::memory::rehearse_reserve;
 use foretraced::rt::os::{self, Space};
 
-use super::finding::Finding;
-use super::machine::{Machine, Silent};
+use crate::finding::Finding;
+use crate::machine::{Machine, Silent};
 
 const SHM: &str = "shared-memory";
 const MOUNTS: &str = "proc/self/mounts";
 const FOLDER: &str = "/dev/shm";
 
 /// Where the daemon's segments will be, and a trial of its reserve.
-pub(super) fn shared(machine: &Machine, instance: &Instance) -> Finding {
+pub(crate) fn shared(machine: &Machine, instance: &Instance) -> Finding {
     let reserved = rehearse_reserve(instance).map_err(|error| error.to_string());
     judged(kind(machine), os::space(Path::new(FOLDER)), reserved)
 }
@@ -82,9 +82,9 @@ fn judged(
 
 #[cfg(test)]
 mod tests {
-    use super::super::finding::Level;
-    use super::super::machine::made_up::MadeUp;
     use super::*;
+    use crate::finding::Level;
+    use crate::machine::made_up::MadeUp;
 
     const LARGE: Space = Space { free: 1 << 30, total: 1 << 31 };
 

@@ -15,13 +15,13 @@ const CPUS: u32 = 1 << 14;
 
 /// Where the kernel's files are.
 #[derive(Debug, Clone)]
-pub(super) struct Machine {
+pub(crate) struct Machine {
     root: PathBuf,
 }
 
 /// Why a file gave no value.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) enum Silent {
+pub(crate) enum Silent {
     /// Absent: the kernel does not have this feature.
     Missing,
     /// It is there, and this is what is wrong with it, its path included.
@@ -30,17 +30,17 @@ pub(super) enum Silent {
 
 impl Machine {
     /// This machine.
-    pub(super) fn here() -> Self {
+    pub(crate) fn here() -> Self {
         Self::below("/")
     }
 
     /// What lies below `root`.
-    pub(super) fn below(root: impl Into<PathBuf>) -> Self {
+    pub(crate) fn below(root: impl Into<PathBuf>) -> Self {
         Self { root: root.into() }
     }
 
     /// The text of `path` (without a leading slash), trimmed; bytes that are not UTF-8 are replaced.
-    pub(super) fn text(&self, path: &str) -> Result<String, Silent> {
+    pub(crate) fn text(&self, path: &str) -> Result<String, Silent> {
         let mut bytes = Vec::new();
         let read =
             File::open(self.root.join(path)).and_then(|file| file.take(LONGEST).read_to_end(&mut bytes));
@@ -54,29 +54,29 @@ impl Machine {
     }
 
     /// The one value in `path`.
-    pub(super) fn value<T: FromStr>(&self, path: &str) -> Result<T, Silent> {
+    pub(crate) fn value<T: FromStr>(&self, path: &str) -> Result<T, Silent> {
         let text = self.text(path)?;
         text.parse().map_err(|_| garbage(path, &text))
     }
 
     /// The CPUs listed in `path`, ascending; none for an empty file.
-    pub(super) fn cpus(&self, path: &str) -> Result<Vec<u32>, Silent> {
+    pub(crate) fn cpus(&self, path: &str) -> Result<Vec<u32>, Silent> {
         let text = self.text(path)?;
         cpu_list(&text).ok_or_else(|| garbage(path, &text))
     }
 
     /// The CPUs that run.
-    pub(super) fn online(&self) -> Result<Vec<u32>, Silent> {
+    pub(crate) fn online(&self) -> Result<Vec<u32>, Silent> {
         self.cpus("sys/devices/system/cpu/online")
     }
 
     /// The CPU of the loop, or, where it is not pinned, all that run; CPU 0 if unknown.
-    pub(super) fn cpus_of_loop(&self, pinned: Option<u32>) -> Vec<u32> {
+    pub(crate) fn cpus_of_loop(&self, pinned: Option<u32>) -> Vec<u32> {
         pinned.map(|cpu| vec![cpu]).or_else(|| self.online().ok()).unwrap_or_else(|| vec![0])
     }
 
     /// The names in a folder, in order; none where there is no such folder.
-    pub(super) fn names(&self, path: &str) -> Vec<String> {
+    pub(crate) fn names(&self, path: &str) -> Vec<String> {
         let entries = std::fs::read_dir(self.root.join(path)).into_iter().flatten().flatten();
         let mut names: Vec<String> =
             entries.filter_map(|entry| entry.file_name().into_string().ok()).collect();
@@ -85,7 +85,7 @@ impl Machine {
     }
 
     /// Whether a hypervisor runs this machine; not known counts as no.
-    pub(super) fn is_virtual(&self) -> bool {
+    pub(crate) fn is_virtual(&self) -> bool {
         let text = self.text("proc/cpuinfo").unwrap_or_default();
         let mut flags = text.lines().filter(|line| line.starts_with("flags"));
         flags.any(|line| line.split_whitespace().any(|flag| flag == "hypervisor"))
@@ -93,13 +93,13 @@ impl Machine {
 }
 
 /// `text` was found where something else was expected.
-pub(super) fn garbage(path: &str, text: &str) -> Silent {
+pub(crate) fn garbage(path: &str, text: &str) -> Silent {
     let shown: String = text.chars().take(40).filter(|c| !c.is_control()).collect();
     Silent::Wrong(format!("/{path} says `{shown}`, which is not understood"))
 }
 
 /// The kernel's notation of sets of CPUs: `0-3,5`.
-pub(super) fn cpu_list(text: &str) -> Option<Vec<u32>> {
+pub(crate) fn cpu_list(text: &str) -> Option<Vec<u32>> {
     let mut cpus = Vec::new();
     for part in text.split(',').map(str::trim).filter(|part| !part.is_empty()) {
         let (first, last) = part.split_once('-').unwrap_or((part, part));
@@ -115,7 +115,7 @@ pub(super) fn cpu_list(text: &str) -> Option<Vec<u32>> {
 }
 
 /// The inverse of [`cpu_list`].
-pub(super) fn listed(cpus: &[u32]) -> String {
+pub(crate) fn listed(cpus: &[u32]) -> String {
     let mut runs: Vec<(u32, u32)> = Vec::new();
     for cpu in cpus {
         match runs.last_mut() {
@@ -131,14 +131,14 @@ pub(super) fn listed(cpus: &[u32]) -> String {
 
 /// A fake machine.
 #[cfg(test)]
-pub(super) mod made_up {
+pub(crate) mod made_up {
     use super::Machine;
 
     /// A root with these files; dropped, it is gone.
-    pub(in crate::doctor) struct MadeUp(tempfile::TempDir);
+    pub(crate) struct MadeUp(tempfile::TempDir);
 
     impl MadeUp {
-        pub(in crate::doctor) fn new(files: &[(&str, &[u8])]) -> Self {
+        pub(crate) fn new(files: &[(&str, &[u8])]) -> Self {
             let made = Self(tempfile::tempdir().unwrap());
             for (path, bytes) in files {
                 made.put(path, bytes);
@@ -146,13 +146,13 @@ pub(super) mod made_up {
             made
         }
 
-        pub(in crate::doctor) fn put(&self, path: &str, bytes: &[u8]) {
+        pub(crate) fn put(&self, path: &str, bytes: &[u8]) {
             let file = self.0.path().join(path);
             std::fs::create_dir_all(file.parent().unwrap()).unwrap();
             std::fs::write(file, bytes).unwrap();
         }
 
-        pub(in crate::doctor) fn machine(&self) -> Machine {
+        pub(crate) fn machine(&self) -> Machine {
             Machine::below(self.0.path())
         }
     }

@@ -11,10 +11,9 @@ use foretraced::rt::os::{Missing, Right};
 use foretraced::rt::rehearsal::{Rehearsal, rehearse};
 use serde::Serialize;
 
-use super::finding::{Finding, Need};
-use crate::failure::Failure;
-use crate::interrupt::Interrupt;
-use crate::spread::{Bucket, Quantiles, Spread};
+use crate::DoctorError;
+use crate::finding::{Finding, Need};
+use foretrace_sim::spread::{Bucket, Quantiles, Spread};
 
 const THREAD: &str = "rt-thread";
 const LATENESS: &str = "wake-up-lateness";
@@ -22,7 +21,7 @@ const LAW: &str = "law-cost";
 
 /// Why the rehearsal does not take the rights of the loop.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) enum Restraint {
+pub(crate) enum Restraint {
     /// The user said so.
     Asked,
     /// A daemon runs, which a second real-time thread would disturb: instance and process.
@@ -31,48 +30,48 @@ pub(super) enum Restraint {
 
 /// From release to start of the tick [us]; keys are stable.
 #[derive(Debug, Clone, Serialize)]
-pub(super) struct Lateness {
-    pub(super) ticks: u64,
+pub struct Lateness {
+    pub(crate) ticks: u64,
     /// Whole periods without a tick.
-    pub(super) missed: u64,
+    pub(crate) missed: u64,
     #[serde(flatten)]
-    pub(super) quantiles: Quantiles,
+    pub(crate) quantiles: Quantiles,
     /// Counts up to each bound, bounds doubling.
-    pub(super) histogram: Vec<Bucket>,
+    pub(crate) histogram: Vec<Bucket>,
     /// Page faults of the thread meanwhile.
-    pub(super) page_faults: u64,
+    pub(crate) page_faults: u64,
 }
 
 /// The result of the rehearsal.
 #[derive(Debug)]
-pub(super) struct Shown {
-    pub(super) lateness: Lateness,
-    pub(super) missing: Vec<Missing>,
+pub(crate) struct Shown {
+    pub(crate) lateness: Lateness,
+    pub(crate) missing: Vec<Missing>,
 }
 
 /// Rehearses for `seconds`; Ctrl-C ends it.
-pub(super) fn run(
+pub(crate) fn run(
     settings: &Settings,
     restraint: Option<&Restraint>,
     seconds: f64,
-    interrupt: &Interrupt,
-) -> Result<Shown, Failure> {
+    interrupted: &dyn Fn() -> bool,
+) -> Result<Shown, DoctorError> {
     let rights = if restraint.is_none() { Rights::Ask } else { Rights::Leave };
     let lock = rights == Rights::Ask && settings.control_loop.lock_memory;
     let quit = Arc::new(AtomicBool::new(false));
     let thread = rehearse(rights.rt_settings(settings), lock, seconds, quit.clone()).map_err(|error| {
-        Failure::failed(format_args!("the rehearsal cannot start: {error}"), "free some memory")
+        DoctorError::failed(format_args!("the rehearsal cannot start: {error}"), "free some memory")
     })?;
     while !thread.is_finished() {
-        if let Err(interrupted) = interrupt.check() {
+        if interrupted() {
             quit.store(true, Ordering::Release);
             let _ = thread.join();
-            return Err(interrupted);
+            return Err(DoctorError::Interrupted);
         }
         std::thread::sleep(Duration::from_millis(20));
     }
     let rehearsal =
-        thread.join().map_err(|_| Failure::failed("the rehearsal ended by a fault", "report it"))?;
+        thread.join().map_err(|_| DoctorError::failed("the rehearsal ended by a fault", "report it"))?;
     Ok(shown(rehearsal))
 }
 
@@ -91,7 +90,7 @@ fn shown(rehearsal: Rehearsal) -> Shown {
 }
 
 /// Whether a thread got what the loop will ask for.
-pub(super) fn thread(need: &Need, restraint: Option<&Restraint>, missing: &[Missing]) -> Finding {
+pub(crate) fn thread(need: &Need, restraint: Option<&Restraint>, missing: &[Missing]) -> Finding {
     let place = need.cpu.map_or_else(|| "any CPU".to_owned(), |cpu| format!("CPU {cpu}"));
     match restraint {
         Some(Restraint::Asked) => {
@@ -141,8 +140,8 @@ const fn named(right: Right) -> &'static str {
 }
 
 /// What a tick of these settings costs against the period, as the daemon measures it when it starts.
-pub(super) fn law(config: &Config) -> Result<Finding, Failure> {
-    let cost = rehearse_law(config).map_err(|error| Failure::failed(error, ""))?;
+pub(crate) fn law(config: &Config) -> Result<Finding, DoctorError> {
+    let cost = rehearse_law(config).map_err(|error| DoctorError::failed(error, ""))?;
     let us = |ns: u64| ns as f64 / 1000.0;
     let value = format!(
         "p50 {:.0}, p99 {:.0} us of {:.0} ({} ticks, processor time)",
@@ -159,7 +158,7 @@ pub(super) fn law(config: &Config) -> Result<Finding, Failure> {
 
 /// Lateness against the period. A late start shortens the time for the tick's work; a missed period is a
 /// missing command.
-pub(super) fn lateness(need: &Need, seen: &Lateness, beside_a_daemon: bool) -> Finding {
+pub(crate) fn lateness(need: &Need, seen: &Lateness, beside_a_daemon: bool) -> Finding {
     let Quantiles { p50, p99, p99_9, max } = seen.quantiles;
     let period = need.period_us as f64;
     let value = format!(
@@ -196,8 +195,8 @@ pub(super) fn lateness(need: &Need, seen: &Lateness, beside_a_daemon: bool) -> F
 
 #[cfg(test)]
 mod tests {
-    use super::super::finding::Level;
     use super::*;
+    use crate::finding::Level;
 
     fn seen(missed: u64, p99: f64, p99_9: f64, max: f64) -> Lateness {
         let quantiles = Quantiles { p50: 5.0, p99, p99_9, max };

@@ -5,8 +5,8 @@
 
 use std::collections::BTreeMap;
 
-use super::finding::{Finding, Need};
-use super::machine::{Machine, Silent, garbage};
+use crate::finding::{Finding, Need};
+use crate::machine::{Machine, Silent, garbage};
 
 const STEAL: &str = "hypervisor-steal";
 const IRQS: &str = "irq-affinity";
@@ -18,14 +18,14 @@ type Interrupts = BTreeMap<u32, (String, BTreeMap<u32, u64>)>;
 
 /// Counters of one moment.
 #[derive(Debug)]
-pub(super) struct Snapshot {
+pub(crate) struct Snapshot {
     /// Per CPU: all time, stolen time, in units of USER_HZ.
     times: Result<BTreeMap<u32, (u64, u64)>, Silent>,
     interrupts: Result<Interrupts, Silent>,
 }
 
 impl Snapshot {
-    pub(super) fn take(machine: &Machine) -> Self {
+    pub(crate) fn take(machine: &Machine) -> Self {
         Self {
             times: machine.text(STAT).and_then(|text| times(&text)),
             interrupts: machine.text(INTERRUPTS).and_then(|text| interrupts(&text)),
@@ -72,7 +72,7 @@ fn interrupts(text: &str) -> Result<Interrupts, Silent> {
 }
 
 /// Time that the host gave to others, on the CPUs of the loop.
-pub(super) fn steal(machine: &Machine, need: &Need, before: &Snapshot, after: &Snapshot) -> Finding {
+pub(crate) fn steal(machine: &Machine, need: &Need, before: &Snapshot, after: &Snapshot) -> Finding {
     let (before, after) = match (&before.times, &after.times) {
         (Ok(before), Ok(after)) => (before, after),
         (Err(silent), _) | (_, Err(silent)) => return Finding::unseen(STEAL, STAT, silent.clone()),
@@ -106,7 +106,7 @@ pub(super) fn steal(machine: &Machine, need: &Need, before: &Snapshot, after: &S
 }
 
 /// Device interrupts where the loop runs.
-pub(super) fn irqs(
+pub(crate) fn irqs(
     machine: &Machine,
     need: &Need,
     before: &Snapshot,
@@ -164,9 +164,9 @@ pub(super) fn irqs(
 
 #[cfg(test)]
 mod tests {
-    use super::super::finding::Level;
-    use super::super::machine::made_up::MadeUp;
     use super::*;
+    use crate::finding::Level;
+    use crate::machine::made_up::MadeUp;
 
     const PINNED: Need = Need { cpu: Some(1), ..Need::USUAL };
 

@@ -2,8 +2,8 @@
 
 use foretraced::rt::os::{self, Missing, Right};
 
-use super::finding::{Finding, Need};
-use super::machine::{Machine, Silent, garbage};
+use crate::finding::{Finding, Need};
+use crate::machine::{Machine, Silent, garbage};
 
 const PRIORITY: &str = "rt-priority";
 const MEMORY: &str = "memory-lock";
@@ -19,7 +19,7 @@ const CAP_SYS_NICE: u32 = 23;
 const DAEMON_MAPS_BYTES: u64 = 512 << 20;
 
 /// SCHED_FIFO: RLIMIT_RTPRIO or CAP_SYS_NICE.
-pub(super) fn priority(machine: &Machine, need: &Need) -> Finding {
+pub(crate) fn priority(machine: &Machine, need: &Need) -> Finding {
     let capable = capable(machine, CAP_SYS_NICE);
     if capable == Ok(true) {
         return Finding::ok(PRIORITY, format!("any (CAP_SYS_NICE); the settings want {}", need.priority));
@@ -40,7 +40,7 @@ const IN_A_CONTAINER: &str =
     "in a container: `docker run --cap-add=SYS_NICE --ulimit rtprio=99 --ulimit memlock=-1`";
 
 /// Memory that stays: RLIMIT_MEMLOCK or CAP_IPC_LOCK, unless the trial showed otherwise.
-pub(super) fn memory(machine: &Machine, need: &Need, missing: &[Missing]) -> Finding {
+pub(crate) fn memory(machine: &Machine, need: &Need, missing: &[Missing]) -> Finding {
     let listed = listed(machine, need);
     match missing.iter().find(|missing| missing.right == Right::MemoryLock) {
         Some(refused) if listed.ok => {
@@ -104,9 +104,9 @@ fn capable(machine: &Machine, bit: u32) -> Result<bool, Silent> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::finding::Level;
-    use super::super::machine::made_up::MadeUp;
     use super::*;
+    use crate::finding::Level;
+    use crate::machine::made_up::MadeUp;
 
     fn made(priority: &str, memory: &str, capabilities: &str) -> MadeUp {
         let limits = format!(

@@ -1,15 +1,15 @@
 //! The processors: frequency scaling, idle states, and whether a core is isolated for the loop.
 
-use super::finding::{Finding, Need};
-use super::kernel::if_there;
-use super::machine::{Machine, Silent, listed};
+use crate::finding::{Finding, Need};
+use crate::kernel::if_there;
+use crate::machine::{Machine, Silent, listed};
 
 const GOVERNOR: &str = "cpu-governor";
 const IDLE: &str = "idle-states";
 const ISOLATION: &str = "isolated-cpus";
 
 /// Frequency scaling. Source: admin-guide/pm/cpufreq.
-pub(super) fn governor(machine: &Machine, need: &Need) -> Finding {
+pub(crate) fn governor(machine: &Machine, need: &Need) -> Finding {
     let (mut fast, mut slow) = (Vec::new(), Vec::new());
     for cpu in machine.cpus_of_loop(need.cpu) {
         let path = format!("sys/devices/system/cpu/cpu{cpu}/cpufreq/scaling_governor");
@@ -21,7 +21,7 @@ pub(super) fn governor(machine: &Machine, need: &Need) -> Finding {
             {
                 slow.push((cpu, name));
             }
-            Ok(Some(name)) => return Finding::unseen(GOVERNOR, &path, super::machine::garbage(&path, &name)),
+            Ok(Some(name)) => return Finding::unseen(GOVERNOR, &path, crate::machine::garbage(&path, &name)),
             Err(silent) => return Finding::unseen(GOVERNOR, &path, silent),
         }
     }
@@ -41,7 +41,7 @@ pub(super) fn governor(machine: &Machine, need: &Need) -> Finding {
 }
 
 /// The deepest idle state that is not disabled, by what it costs to leave it. Source: admin-guide/pm/cpuidle.
-pub(super) fn idle(machine: &Machine, need: &Need) -> Finding {
+pub(crate) fn idle(machine: &Machine, need: &Need) -> Finding {
     let mut deepest: Option<(u64, String)> = None;
     let mut seen = false;
     for cpu in machine.cpus_of_loop(need.cpu) {
@@ -89,7 +89,7 @@ fn idle_fix(need: &Need) -> String {
 }
 
 /// Isolated cores, and whether the loop is on one.
-pub(super) fn isolation(machine: &Machine, need: &Need) -> Finding {
+pub(crate) fn isolation(machine: &Machine, need: &Need) -> Finding {
     let online = match machine.online() {
         Ok(online) if !online.is_empty() => online,
         Ok(_) => {
@@ -145,9 +145,9 @@ fn place(pinned: Option<u32>) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::super::finding::Level;
-    use super::super::machine::made_up::MadeUp;
     use super::*;
+    use crate::finding::Level;
+    use crate::machine::made_up::MadeUp;
 
     const ONLINE: (&str, &[u8]) = ("sys/devices/system/cpu/online", b"0-3\n");
 

@@ -5,22 +5,29 @@ use serde::Serialize;
 
 /// Counts durations in nanoseconds, from 1 ns to 100 s; longer ones count as 100 s.
 #[derive(Debug, Clone)]
-pub(crate) struct Spread(Histogram<u64>);
+pub struct Spread(Histogram<u64>);
 
 /// Quantiles in reports [µs].
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Default)]
-pub(crate) struct Quantiles {
-    pub(crate) p50: f64,
-    pub(crate) p99: f64,
-    pub(crate) p99_9: f64,
-    pub(crate) max: f64,
+pub struct Quantiles {
+    pub p50: f64,
+    pub p99: f64,
+    pub p99_9: f64,
+    pub max: f64,
 }
 
 /// Durations up to a bound, and above the bound before.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-pub(crate) struct Bucket {
-    pub(crate) up_to_us: u64,
-    pub(crate) count: u64,
+pub struct Bucket {
+    pub up_to_us: u64,
+    pub count: u64,
+}
+
+impl Default for Spread {
+    fn default() -> Self {
+        let histogram = Histogram::new_with_bounds(1, Self::LONGEST_NS, 3);
+        Self(histogram.unwrap_or_else(|_| unreachable!("bounds and digits are constants in range")))
+    }
 }
 
 impl From<Histogram<u64>> for Spread {
@@ -32,12 +39,8 @@ impl From<Histogram<u64>> for Spread {
 impl Spread {
     const LONGEST_NS: u64 = 100_000_000_000;
 
-    pub(crate) fn new() -> Self {
-        let histogram = Histogram::new_with_bounds(1, Self::LONGEST_NS, 3);
-        Self(histogram.unwrap_or_else(|_| unreachable!("bounds and digits are constants in range")))
-    }
-
-    pub(crate) fn add_ns(&mut self, ns: u64) {
+    /// Adds a duration.
+    pub fn add_ns(&mut self, ns: u64) {
         self.0.saturating_record(ns.min(Self::LONGEST_NS));
     }
 
@@ -47,7 +50,7 @@ impl Spread {
     }
 
     /// Counts in buckets whose bounds double from 1 us; ends with the last that holds something.
-    pub(crate) fn doublings(&self) -> Vec<Bucket> {
+    pub fn doublings(&self) -> Vec<Bucket> {
         let mut buckets: Vec<Bucket> = Vec::new();
         for value in self.0.iter_recorded() {
             let bound = value.value_iterated_to().div_ceil(1000).max(1).next_power_of_two();
@@ -63,7 +66,7 @@ impl Spread {
     }
 
     /// All zero when nothing was counted.
-    pub(crate) fn quantiles(&self) -> Quantiles {
+    pub fn quantiles(&self) -> Quantiles {
         let us = |ns: u64| ns as f64 / 1e3;
         Quantiles {
             p50: us(self.0.value_at_quantile(0.5)),
@@ -80,7 +83,7 @@ mod tests {
 
     #[test]
     fn quantiles_of_a_thousand_equal_steps() {
-        let mut spread = Spread::new();
+        let mut spread = Spread::default();
         (1..=1000).for_each(|k| spread.add_ns(k * 1000));
         let q = spread.quantiles();
         assert!((q.p50 - 500.0).abs() < 1.0 && (q.p99 - 990.0).abs() < 1.0 && (q.max - 1000.0).abs() < 1.0);
@@ -89,18 +92,18 @@ mod tests {
 
     #[test]
     fn doublings_hold_every_count_once_and_in_order() {
-        let mut spread = Spread::new();
+        let mut spread = Spread::default();
         [500, 900, 1_500, 7_000, 7_500].into_iter().for_each(|ns| spread.add_ns(ns));
         let counts: Vec<_> =
             spread.doublings().iter().map(|bucket| (bucket.up_to_us, bucket.count)).collect();
         assert_eq!(counts, [(1, 2), (2, 1), (4, 0), (8, 2)]);
-        assert!(Spread::new().doublings().is_empty());
+        assert!(Spread::default().doublings().is_empty());
     }
 
     #[test]
     fn nothing_counted_is_zero_and_the_absurd_is_capped() {
-        assert_eq!(Spread::new().quantiles(), Quantiles::default());
-        let mut spread = Spread::new();
+        assert_eq!(Spread::default().quantiles(), Quantiles::default());
+        let mut spread = Spread::default();
         spread.add_ns(u64::MAX);
         assert!(spread.quantiles().max <= 101e6);
     }
