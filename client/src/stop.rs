@@ -49,8 +49,7 @@ pub enum StopError {
     /// Noted, but the loop does not run; its next tick takes the stop.
     #[error(
         "the daemon has noted the stop, but its loop has taken none within {} ms: it does not run, and the \
-         arm brakes by \
-         itself when commands stay away", waited.as_millis()
+         arm brakes by itself when commands stay away", waited.as_millis()
     )]
     LoopSilent {
         /// How long it was waited for.

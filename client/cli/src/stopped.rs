@@ -91,13 +91,11 @@ const fn what_to_do(fault: FaultReason) -> &'static str {
         FaultReason::Overruns => {
             "the loop cannot keep its rate on this machine (bounds: safety.late_ticks_max, \
              safety.late_ticks_window_ms): lower loop.rate_hz, set mpc.backend and ik.backend to \"exact\", \
-             or \
-             see `foretrace doctor`; then arm again"
+             or see `foretrace doctor`; then arm again"
         }
         FaultReason::Envelope => {
             "the tool would have left its height, workspace, tilt or speed (bounds: safety.envelope): look \
-             at \
-             plane.workspace_m and mpc.limits, then arm again; `foretrace move home` brings it back"
+             at plane.workspace_m and mpc.limits, then arm again; `foretrace move home` brings it back"
         }
         FaultReason::WayBlocked => {
             "the arm came too near something on its way home (bounds: clearance): move it by hand, or take \

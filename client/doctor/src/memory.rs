@@ -44,8 +44,7 @@ fn judged(
         Err(error) => return Finding::bad(SHM, format!("{FOLDER} cannot be asked: {error}"), mount),
     };
     let room = "`ls -lhS /dev/shm` and remove unused files, or `sudo mount -o remount,size=256m \
-                /dev/shm`; in a \
-                container: `docker run --shm-size=64m`";
+                /dev/shm`; in a container: `docker run --shm-size=64m`";
     let value = match reserved {
         Ok(bytes) => format!(
             "{} KiB free of {} KiB, the daemon's {} KiB could be reserved",

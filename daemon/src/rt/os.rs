@@ -337,8 +337,7 @@ fn affinity_refused(cpu: usize, error: &io::Error, allowed: &str) -> Missing {
 fn lock_refused(error: &io::Error, limit: Option<u64>) -> Missing {
     let text = format!(
         "memory lock refused ({error}): RLIMIT_MEMLOCK is {limit} bytes; {remedy}. Until then a page fault \
-         can delay a \
-         tick",
+         can delay a tick",
         limit = limit_text(limit),
         remedy = lock_remedy(),
     );

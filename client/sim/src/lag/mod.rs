@@ -178,12 +178,12 @@ const MAX_GAP_S: f64 = 0.06;
 const MAX_REMAINING: f64 = 0.35;
 /// Blocks for the spread.
 const BLOCKS: usize = 10;
-/// A filter counts where it is longer than this \[s\],
+/// A filter counts only where it is longer than this \[s\].
 const MIN_FILTER_S: f64 = 0.003;
-/// reduces a shift's residual by this factor,
+/// A filter counts only where it reduces a shift's residual by this factor.
 const MIN_BETTER: f64 = 1.02;
-/// and that residual was more than this share of the motion: interpolation between slow cycles is a filter
-/// too, but a negligible one.
+/// A filter counts only where that residual was more than this share of the motion: interpolation between
+/// slow cycles is a filter too, but a negligible one.
 const MIN_MATTER: f64 = 0.005;
 /// Factor by which a joint loop must reduce the residual to be included.
 const MIN_LOOP_BETTER: f64 = 1.25;

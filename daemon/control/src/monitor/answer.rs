@@ -19,11 +19,12 @@ use crate::units::Stamp;
 
 /// Share of the tolerance of the tool from which it is far.
 const FAR: f64 = 0.75;
-/// A joint differs if it alone takes the tool this share of that,
+/// A joint differs if it alone takes the tool this share of that.
 const PART: f64 = 0.35;
-/// or if it is off by this much \[rad\] and, as a share of its motion, by this much of the joint that is
-/// farthest off: then the arm has become later as a whole.
+/// A joint differs, too, if it is off by this much \[rad\] and by `ALIKE`.
 const OFF_RAD: f64 = 2.5e-3;
+/// As a share of its motion, by this much of the joint that is farthest off: then the arm has become later as
+/// a whole.
 const ALIKE: f64 = 0.4;
 /// Joints that may differ in a fault of joints.
 const MOST: usize = 2;

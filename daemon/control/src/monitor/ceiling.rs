@@ -16,14 +16,15 @@ const MOVES: f64 = 0.2;
 const AT_TOP: f64 = 0.95;
 /// A speed above the fastest by this factor restarts the count.
 const FASTER: f64 = 1.05;
-/// A joint is cut off if it is at its fastest for this share of this much motion \[s\],
+/// A joint is cut off if it is at its fastest for this share of its motion. Further conditions follow.
 const CUT_OFF: f64 = 0.45;
+/// It has moved for at least this long \[s\].
 const LEAST_MOTION_S: f64 = 0.5;
-/// in this many strokes (a single stroke behind a filter may have any shape), between which it falls below
-/// this share of its fastest,
+/// It was at its fastest in this many strokes: a single one behind a filter may have any shape.
 const LEAST_VISITS: u32 = 3;
+/// Between two strokes it falls below this share of its fastest.
 const BELOW: f64 = 0.7;
-/// and if its fastest is at least this \[rad/s\].
+/// Its fastest is at least this \[rad/s\].
 const LEAST_RADPS: f64 = 0.05;
 
 /// One joint.

@@ -53,12 +53,12 @@ const AHEAD_NS: u64 = 10_000_000;
 /// A critically damped filter with group delay T has answered all but 1.7 % of a command after 3 T: T, and
 /// this multiple of it more.
 const SPREAD: f64 = 2.0;
-/// The lag estimate determines the spread if its standard deviation is at most this \[s\],
+/// The lag estimate determines the spread only if its standard deviation is at most this \[s\].
 const GOOD_S: f64 = 3e-3;
-/// and if the arm has moved in this many blocks of 10 ms since it was armed, by when the evidence of another
-/// arm is forgotten,
+/// It does so only after the arm has moved in this many blocks of 10 ms since it was armed, by when the
+/// evidence of another arm is forgotten.
 const LEARNED_BLOCKS: u32 = 200;
-/// counting blocks in which a joint was commanded to move by this much \[rad\].
+/// Blocks count in which a joint was commanded to move by this much \[rad\].
 const MOVING_RAD: f64 = 5e-4;
 /// Allowance for jitter and uncertainty on top of it \[ns\].
 const JITTER_NS: u64 = 20_000_000;

@@ -19,14 +19,15 @@ const WINDOW_NS: i64 = 100_000_000;
 /// Windows in which the arm may already have reached the model's present speed: a model of an arm with
 /// unknown lag is slow itself.
 const REMEMBERED: usize = 6;
-/// An arm that reaches less than this share of the speed of its model is slow,
+/// An arm that reaches less than this share of the speed of its model is slow, after `SLOW_WINDOWS`.
 pub(super) const SLOW_SHARE: f64 = 0.75;
-/// if that shows in this many windows in a row, after this many that could be judged (the first strokes after
-/// arming say little). One that reaches less than the last share stands,
+/// So many windows in a row show that an arm is slow.
 const SLOW_WINDOWS: u32 = 2;
+/// So many windows have to be judged before: the first strokes after arming say little.
 const LEAST_WINDOWS: u32 = 8;
+/// An arm that reaches less than this share stands still.
 const STANDS: f64 = 0.05;
-/// where the model reaches this speed \[rad/s\].
+/// A window is judged where the model reaches this speed \[rad/s\].
 const JUDGED_RADPS: f64 = 0.25;
 /// Factor from window to window on the fastest commanded tool speed.
 const TOOL_KEPT: f64 = 0.9;

@@ -3,9 +3,9 @@
 use crate::state::state;
 use crate::units::Stamp;
 
-/// Each amplitude is larger than the one before by this factor,
+/// A swing grows if each amplitude is larger than the one before by this factor.
 const GROWTH: f64 = 1.05;
-/// and follows it within this time \[ns\].
+/// Each amplitude follows the one before within this time \[ns\].
 const LONGEST_NS: i64 = 1_000_000_000;
 
 /// One joint.

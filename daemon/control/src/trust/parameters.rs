@@ -42,10 +42,10 @@ pub struct TrustParameters {
     /// Memory of that share \[s\].
     pub unplanned_s: f64,
     /// A preview with at most this share of Hold's error \[1\] is right: following it within the limits is
-    /// the best there is,
+    /// the best there is.
     pub right: f64,
-    /// unless the plans of more than this share of recent ticks failed \[1\]: saturated plans take more
-    /// solver steps than the cap.
+    /// A right preview loses trust all the same if the plans of more than this share of recent ticks failed
+    /// \[1\]: saturated plans take more solver steps than the cap.
     pub failed: f64,
     /// Memory of that share \[s\]: longer than from one lift of the pen to the next, which costs
     /// solver steps.

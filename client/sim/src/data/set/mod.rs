@@ -60,8 +60,7 @@ pub enum SetError {
     /// Files of more than one format and no table that says which belong.
     #[error(
         "{}: more than one format in one folder ({found}); keep one format per folder, or name the files in \
-         a \
-             split.tsv with the columns set and file", folder.display()
+         a split.tsv with the columns set and file", folder.display()
     )]
     Ambiguous {
         /// The set.

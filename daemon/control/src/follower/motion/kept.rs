@@ -36,9 +36,9 @@ pub(super) struct KeptPath<const J: usize> {
     floor: f64,
     /// Across the line in the plane, a unit vector.
     across: Option<[f64; 2]>,
-    /// Where the joints would be if each braked by itself,
+    /// Where the joints would be if each braked by itself.
     alone: Commanded<J>,
-    /// and for how long they would have been at rest there \[s\].
+    /// How long they would have been at rest there \[s\].
     over_s: f64,
 }
 
