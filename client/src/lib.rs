@@ -34,7 +34,7 @@ pub use operate::*;
 mod stop;
 pub use stop::*;
 
-foretrace_shm::debug_is_sentence!(FeedError, DeadManError, StopError, StateError, RequestError, GatewayError);
+foretrace_shm::debug_as_display!(FeedError, DeadManError, StopError, StateError, RequestError, GatewayError);
 
 pub use foretrace_shm::{
     ArmLag, ArmLine, ArmNote, AskError, Chain, Claimant, ControlOp, ControlResponse, ControlStatus, Counters,

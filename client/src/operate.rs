@@ -111,7 +111,7 @@ impl Foretrace {
 /// All requests wait up to `timeout`, also where shared memory is so damaged that calls into it hang, and
 /// fail as [`RequestError`] tells.
 impl Requests {
-    /// Dates what is asked from here on with the moment when a person decided it \[ns, monotonic clock\]: the
+    /// Sets when the operator decided what is asked from here on \[ns, monotonic clock\]: the
     /// daemon refuses to arm if a stop came since then. Of everything but `stop`, `disarm` and `query` a
     /// moment more than [`foretrace_shm::ORDER_AHEAD_NS`] ahead is refused.
     #[must_use]

@@ -65,7 +65,7 @@ pub enum DaemonError {
         cause: String,
     },
     /// The arm did not come to rest in time, or the wait was cut short.
-    #[error("ended before the arm was at rest (at most {seconds} s are waited for it): it brakes by itself")]
+    #[error("the arm was not at rest after {seconds} s: it brakes by itself")]
     NotAtRest {
         /// Longest wait \[s\].
         seconds: u64,

@@ -100,7 +100,7 @@ fn low_in(table: &str) -> Option<String> {
 
 /// From now on a file that grows beyond the limit is an error for its writer, instead of the end of the
 /// process.
-pub fn hear_of_large_files() {
+pub fn ignore_sigxfsz() {
     // If this fails, the process ends as by default.
     let _ = signal_hook::flag::register(SIGXFSZ, Arc::new(AtomicBool::new(false)));
 }
@@ -110,7 +110,7 @@ pub fn hear_of_large_files() {
 /// # Errors
 ///
 /// The system starts no thread.
-pub fn with_room<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> io::Result<T> {
+pub fn with_large_stack<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> io::Result<T> {
     if soft(&table(), "Max stack size").is_none_or(|bytes| bytes >= STACK_BYTES) {
         return Ok(work());
     }
@@ -175,6 +175,6 @@ mod tests {
 
     #[test]
     fn work_is_done_whatever_the_stack() {
-        assert_eq!(with_room(|| 7).unwrap(), 7);
+        assert_eq!(with_large_stack(|| 7).unwrap(), 7);
     }
 }

@@ -29,8 +29,8 @@ fn main() -> ExitCode {
     if let Some(code) = foretraced::reload::child() {
         return code;
     }
-    limits::hear_of_large_files();
-    limits::with_room(program).unwrap_or_else(|error| {
+    limits::ignore_sigxfsz();
+    limits::with_large_stack(program).unwrap_or_else(|error| {
         eprintln!(
             "foretraced: no room to run in: {error}; raise the limits of this process (ulimit -s, -v, -u)"
         );

@@ -125,8 +125,8 @@ pub fn main() -> ExitCode {
     if let Some(code) = foretraced::reload::child() {
         return code;
     }
-    limits::hear_of_large_files();
-    limits::with_room(program).unwrap_or_else(|error| {
+    limits::ignore_sigxfsz();
+    limits::with_large_stack(program).unwrap_or_else(|error| {
         let remedy = "raise the limits of this process (ulimit -s, -v, -u)";
         let failure = Failure::failed(format_args!("no room to run in: {error}"), remedy);
         output::note!("{failure}");

@@ -234,7 +234,7 @@ mod tests {
         };
         let held = Status { fault: FaultReason::WayBlocked.into(), stop, ..status(Mode::Stopped, 0.5) };
         let failure = ended(&held).unwrap_err().to_string();
-        assert!(failure.contains("0.50 rad from home: held up on the way home"), "{failure}");
+        assert!(failure.contains("0.50 rad from home: blocked while homing"), "{failure}");
         assert!(failure.contains("4.0 mm from the arm"), "{failure}");
         let asked = ended(&status(Mode::Stopped, 0.5)).unwrap_err().to_string();
         assert!(asked.contains("requested") && asked.contains("move home"), "{asked}");

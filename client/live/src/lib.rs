@@ -58,4 +58,4 @@ pub enum LiveError {
     Thread(String),
 }
 
-foretrace_shm::debug_is_sentence!(LiveError);
+foretrace_shm::debug_as_display!(LiveError);

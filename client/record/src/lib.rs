@@ -105,7 +105,7 @@ pub enum RecordError {
     },
 }
 
-foretrace_shm::debug_is_sentence!(RecordError);
+foretrace_shm::debug_as_display!(RecordError);
 
 impl RecordError {
     /// Of a file that cannot be begun.

@@ -60,7 +60,7 @@ pub enum ReplayError {
     },
 }
 
-foretrace_shm::debug_is_sentence!(ReplayError);
+foretrace_shm::debug_as_display!(ReplayError);
 
 /// Where a replay began.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]

@@ -43,7 +43,7 @@ pub enum WhatIfError {
         why: String,
     },
     /// Not `key=value`.
-    #[error("{text:?} is no change of a setting; write KEY=VALUE, for example predictor=dybm or trust=0")]
+    #[error("{text:?} is not a setting change; write KEY=VALUE, for example predictor=dybm or trust=0")]
     Change {
         /// What was given.
         text: String,
@@ -67,7 +67,7 @@ pub enum WhatIfError {
     },
 }
 
-foretrace_shm::debug_is_sentence!(WhatIfError);
+foretrace_shm::debug_as_display!(WhatIfError);
 
 /// The result.
 #[derive(Debug, Clone, PartialEq, Serialize)]

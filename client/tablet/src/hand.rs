@@ -164,7 +164,7 @@ impl Hand {
         });
     }
 
-    /// The pen left the range of its device: only that is told of it, once.
+    /// The pen left the range of its device: reported once, without a position.
     #[must_use]
     pub fn gone(&self, stamp_ns: u64) -> Option<PenReading> {
         let (_, reading) = self.last?;

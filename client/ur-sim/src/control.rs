@@ -30,7 +30,7 @@ pub struct Controller {
 #[derive(Debug, thiserror::Error)]
 pub enum StartError {
     /// A port is taken, or the address is none of this host's.
-    #[error("{address} ({}) cannot be had: {error}; a second one goes by --bind 127.0.0.2", service.name())]
+    #[error("cannot bind {address} ({}): {error}; use --bind 127.0.0.2 for a second one", service.name())]
     Port {
         /// Of what.
         service: Service,

@@ -172,7 +172,7 @@ impl Narrator {
     fn dead_man(&mut self, facts: &TickFacts) -> Option<&'static str> {
         let without = facts.ports.arm_line.flags & arm_flags::WITHOUT_DEAD_MAN != 0;
         match (std::mem::replace(&mut self.without_dead_man, without), without) {
-            (false, true) => Some("the arm moves WITHOUT A DEAD-MAN, as whoever started it said"),
+            (false, true) => Some("the arm moves WITHOUT A DEAD-MAN, as started with --without-dead-man"),
             (true, false) => Some("the arm no longer moves without a dead-man"),
             _ => None,
         }

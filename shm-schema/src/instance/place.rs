@@ -54,7 +54,7 @@ pub enum PlaceError {
     Instance(#[from] InstanceError),
 }
 
-crate::debug_is_sentence!(PlaceError);
+crate::debug_as_display!(PlaceError);
 
 fn named(holder: &Option<Holder>) -> String {
     holder.as_ref().map_or_else(|| "a program that does not say its name".to_owned(), ToString::to_string)

@@ -124,7 +124,7 @@ pub enum InstanceError {
     },
 }
 
-crate::debug_is_sentence!(InstanceError);
+crate::debug_as_display!(InstanceError);
 
 impl Instance {
     /// The instance of this user with this number: `$XDG_RUNTIME_DIR/foretrace-N`, else

@@ -66,7 +66,7 @@ pub enum AskError {
     Middleware,
 }
 
-crate::debug_is_sentence!(AskError);
+crate::debug_as_display!(AskError);
 
 impl ControlTopic {
     /// The server, to be used in the calling thread. `daemon_id` is part of every answer.

@@ -31,7 +31,7 @@ pub enum PublishError {
     Middleware,
 }
 
-crate::debug_is_sentence!(PublishError);
+crate::debug_as_display!(PublishError);
 
 /// Sends messages of one type.
 #[derive(Debug)]
@@ -58,7 +58,7 @@ impl<T: Message> Topic<T> {
             .map_err(|error| match error {
                 PublisherCreateError::ExceedsMaxSupportedPublishers => ServiceError::NoPlace {
                     service: T::SERVICE,
-                    what: "publishers",
+                    what: "publisher",
                     limit: T::QOS.publishers,
                     pids: self.publishers(),
                 },
@@ -85,7 +85,7 @@ impl<T: Message> Topic<T> {
             self.factory.subscriber_builder().buffer_size(buffer).create().map_err(|error| match error {
                 SubscriberCreateError::ExceedsMaxSupportedSubscribers => ServiceError::NoPlace {
                     service: T::SERVICE,
-                    what: "subscribers",
+                    what: "subscriber",
                     limit: T::QOS.subscribers,
                     pids: self.subscribers(),
                 },

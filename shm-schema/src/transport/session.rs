@@ -61,7 +61,7 @@ pub enum ServiceError {
         expected: usize,
     },
     /// All slots are taken.
-    #[error("{service}: all {limit} places for {what} are taken{}: end one of them", by(pids))]
+    #[error("{service}: {} in use{}: end one of them", slots(*limit, what), by(pids))]
     NoPlace {
         /// Name of the service.
         service: &'static str,
@@ -74,7 +74,7 @@ pub enum ServiceError {
     },
     /// All slots for operators are taken.
     #[error(
-        "all {limit} places for operators are taken, by processes {pids:?}: end those that hang (`kill -9`); \
+        "all {limit} operator slots are in use, by processes {pids:?}: end those that hang (`kill -9`); \
          a stop needs \
          no place (`foretrace request stop`)"
     )]
@@ -163,7 +163,7 @@ pub enum ServiceError {
     },
 }
 
-crate::debug_is_sentence!(ServiceError);
+crate::debug_as_display!(ServiceError);
 
 impl ServiceError {
     /// No daemon runs in `instance`; checks whether another user runs one.
@@ -180,6 +180,11 @@ impl ServiceError {
 /// The first of some files, for a shell.
 fn listed(files: &[PathBuf]) -> String {
     files.iter().take(3).map(|file| file.display().to_string()).collect::<Vec<_>>().join(" ")
+}
+
+/// All slots of a kind, with their verb.
+fn slots(limit: usize, what: &str) -> String {
+    if limit == 1 { format!("the only {what} slot is") } else { format!("all {limit} {what} slots are") }
 }
 
 /// Who holds places, if that is known.

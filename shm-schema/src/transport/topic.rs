@@ -312,7 +312,7 @@ fn open_error<T: Message>(session: &Session, error: PublishSubscribeOpenError) -
         E::DoesNotSupportRequestedMinSubscriberBorrowedSamples => fewer("borrowed samples", 1),
         E::IncompatibleOverflowBehavior => fewer("safe overflow", 1),
         E::ExceedsMaxNumberOfNodes => {
-            ServiceError::NoPlace { service, what: "processes", limit: MAX_PEERS, pids: Vec::new() }
+            ServiceError::NoPlace { service, what: "process", limit: MAX_PEERS, pids: Vec::new() }
         }
         E::ServiceInCorruptedState | E::HangsInCreation => session.damaged(service),
         E::InsufficientPermissions => ServiceError::Permission { service },

@@ -26,7 +26,7 @@ pub struct Rejection {
     pub bound: f64,
 }
 
-crate::debug_is_sentence!(Rejection);
+crate::debug_as_display!(Rejection);
 
 impl PartialEq for Rejection {
     fn eq(&self, other: &Self) -> bool {

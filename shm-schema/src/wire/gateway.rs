@@ -58,7 +58,7 @@ pub enum FrameError {
     Reserved(u32),
 }
 
-crate::debug_is_sentence!(FrameError);
+crate::debug_as_display!(FrameError);
 
 /// A frame with a pen sample; its publisher fills in the sample's header.
 #[derive(Debug, Clone, Copy, PartialEq)]

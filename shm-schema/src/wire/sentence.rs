@@ -5,7 +5,7 @@
 
 /// Implements `Debug` by `Display` for each type.
 #[macro_export]
-macro_rules! debug_is_sentence {
+macro_rules! debug_as_display {
     ($($type:ty),+ $(,)?) => {$(
         impl ::std::fmt::Debug for $type {
             fn fmt(&self, f: &mut ::std::fmt::Formatter<'_>) -> ::std::fmt::Result {

@@ -15,7 +15,7 @@ pub struct UnknownValue {
     pub value: i64,
 }
 
-crate::debug_is_sentence!(UnknownValue);
+crate::debug_as_display!(UnknownValue);
 
 macro_rules! wire_enum {
     ($(#[$meta:meta])* pub enum $type:ident: $repr:ident {
@@ -136,7 +136,7 @@ wire_enum! {
         /// The pen left the bands of recent previews far more often than they promise.
         Surprised = 16 => "pen outside the bands",
         /// Too many recent ticks had to stop instead of following a plan.
-        SolverUnhealthy = 17 => "plans in trouble",
+        SolverUnhealthy = 17 => "planner unhealthy",
         /// The learner handed over parameters that were refused.
         LearnerUnhealthy = 18 => "learner unhealthy",
         /// Partly trusted: the arm is saturated too often, and then hardly better than under feedback alone.
@@ -232,9 +232,9 @@ wire_enum! {
         /// The arm is not where it was commanded to be, or moves by itself.
         NotFollowing = -19 => "arm does not follow",
         /// A stop came after the request to arm was sent.
-        StopCame = -20 => "a stop came",
+        StopCame = -20 => "superseded by a stop",
         /// The straight way home is not clear.
-        WayBlocked = -21 => "the way is not clear",
+        WayBlocked = -21 => "path home is blocked",
     }
 }
 
@@ -262,7 +262,7 @@ wire_enum! {
         /// The tool left its envelope: paper, workspace, tilt or speed.
         Envelope = 12 => "tool envelope",
         /// Something held the arm up on its way home.
-        WayBlocked = 13 => "held up on the way home",
+        WayBlocked = 13 => "blocked while homing",
         /// The arm touches something, by the efforts that it reports.
         Contact = 14 => "contact",
     }

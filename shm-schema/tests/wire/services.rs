@@ -157,7 +157,7 @@ fn a_second_publisher_and_a_fifth_subscriber_find_no_place() {
     let peer = rig.peer();
     let _first = peer.pen.publisher().unwrap();
     let error = peer.pen.publisher().unwrap_err();
-    assert!(matches!(error, ServiceError::NoPlace { what: "publishers", limit: 1, .. }), "{error}");
+    assert!(matches!(error, ServiceError::NoPlace { what: "publisher", limit: 1, .. }), "{error}");
     let _four: Vec<_> =
         (0..4).map(|_| rig.daemon().pen.subscriber(1, HeaderBounds::DEFAULT).unwrap()).collect();
     let error = rig.daemon().pen.subscriber(1, HeaderBounds::DEFAULT).unwrap_err();

@@ -98,7 +98,7 @@ fn a_box_in_the_way_is_named_and_nothing_moves() {
     heard(&world);
     let before = world.status(0)["way_home"]["farthest_rad"].clone();
     let refused = world.run(0, &["move", "home", "--yes"]);
-    assert_refused(&refused, 4, &["the way is not clear", "box 0 of clearance.boxes_m", "% of the way on"]);
+    assert_refused(&refused, 4, &["path home is blocked", "box 0 of clearance.boxes_m", "% of the way on"]);
     let after = world.status(0);
     assert_eq!((&after["mode"], &after["way_home"]["farthest_rad"]), (&"idle".into(), &before));
     arm.end();

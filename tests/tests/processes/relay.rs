@@ -100,11 +100,11 @@ fn without_a_place_a_recorder_is_told_who_holds_them_and_that_a_relay_helps() {
         recorder
     });
     let holders = two.each_ref().map(|recorder| recorder.pid().to_string());
-    let words = ["all 2 places for subscribers are taken", "foretrace relay", &holders[0], &holders[1]];
+    let words = ["all 2 subscriber slots are in use", "foretrace relay", &holders[0], &holders[1]];
     assert_refused(&world.run(0, &["record", "c.mcap"]), 1, &words);
     assert!(!world.file("c.mcap.part").exists(), "nothing was begun");
     let refused = world.run(0, &["relay"]);
-    assert_refused(&refused, 1, &["places for subscribers are taken", &holders[0], "start the relay again"]);
+    assert_refused(&refused, 1, &["subscriber slots are in use", &holders[0], "start the relay again"]);
     two.into_iter().for_each(|recorder| drop(recorder.end()));
     let relay = world.start(0, &["relay"]);
     let socket = world.instance(0).root().join("relay.sock");

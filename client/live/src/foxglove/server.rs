@@ -60,7 +60,7 @@ pub enum FoxgloveError {
     Source(#[from] LiveError),
 }
 
-foretrace_shm::debug_is_sentence!(FoxgloveError);
+foretrace_shm::debug_as_display!(FoxgloveError);
 
 /// What is shown beside ticks.
 #[derive(Debug, Default)]

@@ -1,4 +1,4 @@
-//! The settings in force, for what stands around the pen.
+//! The settings in force, for the static scene around the pen.
 //!
 //! Contract: they come with what recordings need, of which shared memory has two places. One of them is taken
 //! for as long as it takes to hear the settings, and tried for again where there is none.

@@ -11,7 +11,11 @@ use crate::units::Stamp;
 impl<const N: usize, const J: usize> Follower<N, J> {
     /// Lets go of an arm that is at home or cannot be moved there, and stops one that is held up. Returns
     /// whether the way is clear, in the tick in which that is decided.
-    pub(super) fn take_stock_of_home(&mut self, now: Stamp, news: &HomeNews) -> Option<Result<(), Refusal>> {
+    pub(super) fn record_outcome_of_home(
+        &mut self,
+        now: Stamp,
+        news: &HomeNews,
+    ) -> Option<Result<(), Refusal>> {
         match news {
             HomeNews::None => None,
             HomeNews::Clear => Some(Ok(())),

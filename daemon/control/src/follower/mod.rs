@@ -213,7 +213,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         let moved = self.mover.advance(wanted.as_ref(), budget, &mut health, clock);
         let followed = matches!(wanted, Some(Wanted::Follow { .. }));
         // Take stock: what the tick came to, for lag, monitor and the next tick.
-        let way = self.take_stock(now, seen.lost_ns, followed, &moved, health);
+        let way = self.record_outcome(now, seen.lost_ns, followed, &moved, health);
         clock.lap(Stage::Guard);
 
         self.report(now, Outcomes { health, seen, pen, trust, moved, way })

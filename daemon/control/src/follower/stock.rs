@@ -8,7 +8,7 @@ use crate::units::Stamp;
 
 impl<const N: usize, const J: usize> Follower<N, J> {
     /// Takes stock of `moved`. `followed`: the pen was to be followed. Returns the outcome of the way home.
-    pub(super) fn take_stock(
+    pub(super) fn record_outcome(
         &mut self,
         now: Stamp,
         lost_ns: u64,
@@ -19,7 +19,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         if let Some(detail) = moved.breach {
             self.watch.latch_with(now, StopReason::Envelope, detail);
         }
-        let way = self.take_stock_of_home(now, &moved.home);
+        let way = self.record_outcome_of_home(now, &moved.home);
         self.overtaxed = self.overtaxed_by(moved, now, lost_ns);
         self.left.at_limit = moved.at_limit;
         if followed {

@@ -219,7 +219,7 @@ fn stop_while_frozen_programs_hold_all_places() {
         // Other requests are refused with the holders' names.
         let pids: Vec<String> = holders.iter().map(|holder| holder.pid().to_string()).collect();
         let mut words: Vec<&str> = pids.iter().map(String::as_str).collect();
-        words.push("4 places for operators");
+        words.push("4 operator slots");
         assert_refused(&scene.world.run(0, &["request", "query", "--timeout", "10"]), 1, &words);
         holders
     });
@@ -237,7 +237,7 @@ fn stop_while_sixteen_programs_are_attached() {
             let refused = scene.world.run(0, &["request", "query"]);
             (!refused.status.success()).then(|| told(&refused))
         });
-        assert!(filled.contains("places for processes"), "{filled}");
+        assert!(filled.contains("process slots"), "{filled}");
         std::mem::take(&mut watchers)
     });
     scene.end();

@@ -252,7 +252,7 @@ fn second_arm_and_second_player_are_refused() {
     let world = World::new(PROGRAM);
     let daemon = world.daemon(0);
     let arm = world.armed_arm(0, &[]);
-    assert_refused(&world.run(0, &["arm", "sim"]), 1, &["places", "taken"]);
+    assert_refused(&world.run(0, &["arm", "sim"]), 1, &["the only publisher slot is in use"]);
     let player = world.start(0, &["play", "glyphs:ab", "--loop"]);
     world.wait_for_mode(0, "following");
     assert_refused(&world.run(0, &["play", "glyphs:a"]), 1, &["the pen is held by the player"]);

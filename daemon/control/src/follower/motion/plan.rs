@@ -113,7 +113,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         max_iterations: u32,
     ) -> PlanReport {
         let mut from = Start { command: self.tool, arm: self.arm };
-        let beyond = self.cannot_help();
+        let beyond = self.unavoidable_overshoot_m();
         let inside = beyond.iter().all(|by| by.abs() < OUTSIDE_M);
         let first = if inside { max_iterations } else { max_iterations / 2 };
         let report = self.mpc.plan_behind(&from, &conservative, &references, trust, first, &mut self.plan);
@@ -141,7 +141,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
     }
 
     /// How far the tool overshoots the workspace under full braking \[m\]; negative on the lower side.
-    fn cannot_help(&self) -> [f64; 3] {
+    fn unavoidable_overshoot_m(&self) -> [f64; 3] {
         let mut beyond = [0.0; 3];
         for ((beyond, limits), tool) in beyond.iter_mut().zip(&self.limits).zip(&self.tool) {
             let [low, high] = limits.position_m;
