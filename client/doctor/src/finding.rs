@@ -63,9 +63,9 @@ impl Finding {
 pub(crate) struct Need {
     /// Ticks per second.
     pub(crate) rate_hz: u32,
-    /// Between two ticks [µs].
+    /// Between two ticks \[µs\].
     pub(crate) period_us: u64,
-    /// Spun before a tick [µs].
+    /// Spun before a tick \[µs\].
     pub(crate) spin_us: u64,
     /// SCHED_FIFO.
     pub(crate) priority: u32,

@@ -28,7 +28,7 @@ pub(crate) enum Restraint {
     Daemon(u32, u32),
 }
 
-/// From release to start of the tick [us]; keys are stable.
+/// From release to start of the tick \[us\]; keys are stable.
 #[derive(Debug, Clone, Serialize)]
 pub struct Lateness {
     pub(crate) ticks: u64,

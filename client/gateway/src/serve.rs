@@ -89,7 +89,7 @@ impl<Deliver: FnMut(PenSample) -> Delivery> Gateway<Deliver> {
         self.client.as_ref().map(|client| client.user)
     }
 
-    /// One round: answers new connections, then waits for bytes of the client, at most [`WAIT`].
+    /// One round: answers new connections, then waits for bytes of the client, at most `WAIT`.
     ///
     /// # Errors
     ///

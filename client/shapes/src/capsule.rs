@@ -40,7 +40,7 @@ impl Capsule {
         volume(self.radius, self.length)
     }
 
-    /// How far `point` is from the axis [m].
+    /// How far `point` is from the axis \[m\].
     pub(crate) fn distance(&self, point: &Vector3<f64>) -> f64 {
         let [roll, pitch, yaw] = self.rpy;
         let axis = Rotation3::from_euler_angles(roll, pitch, yaw) * Vector3::z();
@@ -49,7 +49,7 @@ impl Capsule {
         (seen - axis * along).norm()
     }
 
-    /// The same with a radius smaller by `outside` [m], as far as there is one.
+    /// The same with a radius smaller by `outside` \[m\], as far as there is one.
     pub(crate) fn smaller(self, outside: f64) -> Self {
         Self { radius: (self.radius - outside).max(WRITTEN_M), ..self }
     }
@@ -68,7 +68,7 @@ impl Capsule {
     }
 }
 
-/// A capsule by the ends of its axis [m].
+/// A capsule by the ends of its axis \[m\].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Axis {
     pub(crate) from: Vector3<f64>,
@@ -98,19 +98,19 @@ impl Axis {
         volume(self.radius, (self.to - self.from).norm())
     }
 
-    /// The square of how far `point` is from the axis [m²].
+    /// The square of how far `point` is from the axis \[m²\].
     pub(crate) fn squared(&self, point: &Vector3<f64>) -> f64 {
         let (along, seen) = (self.to - self.from, point - self.from);
         let share = along.dot(&seen) / along.norm_squared().max(f64::MIN_POSITIVE);
         (seen - along * share.clamp(0.0, 1.0)).norm_squared()
     }
 
-    /// How far the capsule reaches along a unit vector [m].
+    /// How far the capsule reaches along a unit vector \[m\].
     pub(crate) fn reach(&self, direction: &Vector3<f64>) -> f64 {
         self.from.dot(direction).max(self.to.dot(direction)) + self.radius
     }
 
-    /// How far the farthest of `points` is from the axis [m].
+    /// How far the farthest of `points` is from the axis \[m\].
     pub(crate) fn farthest(&self, points: &[Vector3<f64>]) -> f64 {
         points.iter().map(|point| self.squared(point)).fold(0.0, f64::max).sqrt()
     }

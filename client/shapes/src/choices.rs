@@ -8,7 +8,7 @@ use nalgebra::Vector3;
 
 use crate::capsule::{Axis, along_each_axis};
 
-/// Points that are dealt together [m].
+/// Points that are dealt together \[m\].
 pub(crate) type Patch = Vec<Vector3<f64>>;
 
 /// Slabs along each axis; a part is any run of them.
@@ -44,7 +44,7 @@ pub(crate) struct Choices {
 struct Search {
     steps: usize,
     chosen: Vec<usize>,
-    /// Sum of volumes [m³] and choices, the best first.
+    /// Sum of volumes \[m³\] and choices, the best first.
     found: Vec<(f64, Vec<usize>)>,
 }
 

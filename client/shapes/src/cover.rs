@@ -21,7 +21,7 @@ use nalgebra::Vector3;
 use crate::capsule::{Axis, Capsule, Sample, around, sphere};
 use crate::choices::{Choices, Patch};
 
-/// Three corners [m].
+/// Three corners \[m\].
 pub(crate) type Triangle = [Vector3<f64>; 3];
 
 /// Edges of the pieces that are dealt out, and patches of the search, as a share of the mesh's size.
@@ -38,7 +38,7 @@ const SAMPLES: usize = 250;
 const REACHES: usize = 150;
 /// What the volume counts beside the reach: record 26 compares.
 const VOLUME: f64 = 0.5;
-/// Of two covers whose costs differ by no more than this, that with fewer capsules is taken [m].
+/// Of two covers whose costs differ by no more than this, that with fewer capsules is taken \[m\].
 const WORTH_M: f64 = 2e-4;
 
 /// At most `most` capsules out of which no point of a triangle sticks by more than `outside` \[m\]; none for
@@ -72,9 +72,9 @@ pub(crate) fn cover(triangles: &[Triangle], most: usize, outside: f64) -> Vec<Ca
 /// What is to be held, and what a cover is judged by.
 struct Task {
     patches: Vec<Patch>,
-    /// Unit vectors, and how far the mesh reaches along each [m].
+    /// Unit vectors, and how far the mesh reaches along each \[m\].
     reaches: Vec<(Vector3<f64>, f64)>,
-    /// Of one capsule around all: turns volume into a mean distance [m²].
+    /// Of one capsule around all: turns volume into a mean distance \[m²\].
     surface: f64,
 }
 
@@ -89,7 +89,7 @@ impl Task {
     }
 
     /// By how much, in the mean over all directions, capsules reach farther than the mesh, and a share of
-    /// their volume over the surface of one around all [m].
+    /// their volume over the surface of one around all \[m\].
     fn cost(&self, axes: &[Axis]) -> f64 {
         let farther = self.reaches.iter().map(|(direction, mesh)| {
             let reach = axes.iter().map(|axis| axis.reach(direction)).fold(f64::NEG_INFINITY, f64::max);
@@ -162,9 +162,9 @@ fn patches(pieces: &[Triangle], cell: f64) -> Vec<Patch> {
 #[derive(Debug, Clone)]
 struct Dealt {
     axes: Vec<Axis>,
-    /// Per capsule and patch: how far the patch's farthest corner is from the axis [m].
+    /// Per capsule and patch: how far the patch's farthest corner is from the axis \[m\].
     far: Vec<Vec<f64>>,
-    /// [m]
+    /// \[m\]
     cost: f64,
 }
 
@@ -177,7 +177,7 @@ impl Dealt {
         dealt
     }
 
-    /// The capsule that must grow least to hold `patch`, and how far the patch is from its axis [m].
+    /// The capsule that must grow least to hold `patch`, and how far the patch is from its axis \[m\].
     fn owner(&self, patch: usize) -> Option<(usize, f64)> {
         let each = self.axes.iter().zip(&self.far).enumerate();
         let excess = each.filter_map(|(index, (axis, far))| {
@@ -282,7 +282,7 @@ fn union(axes: &[Axis], samples: &[Sample]) -> f64 {
     sum
 }
 
-/// The volume that capsules fill together [m³].
+/// The volume that capsules fill together \[m³\].
 pub(crate) fn volume(capsules: &[Capsule]) -> f64 {
     let axes: Vec<Axis> = capsules.iter().map(Axis::of).collect();
     union(&axes, &SAMPLED)

@@ -10,7 +10,7 @@ use nalgebra::Vector3;
 
 use crate::cover::Triangle;
 
-/// Larger files are refused [bytes].
+/// Larger files are refused \[bytes\].
 const LARGEST: u64 = 256 << 20;
 
 /// Where meshes may be.
@@ -79,7 +79,7 @@ impl Search {
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Mesh {
     pub(crate) triangles: Vec<Triangle>,
-    /// Enclosed by the triangles [m³]; 0 where they enclose nothing.
+    /// Enclosed by the triangles \[m³\]; 0 where they enclose nothing.
     pub(crate) volume: f64,
 }
 

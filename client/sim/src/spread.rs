@@ -7,7 +7,7 @@ use serde::Serialize;
 #[derive(Debug, Clone)]
 pub struct Spread(Histogram<u64>);
 
-/// Quantiles in reports [µs].
+/// Quantiles in reports \[µs\].
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Default)]
 pub struct Quantiles {
     pub p50: f64,

@@ -31,7 +31,7 @@ impl Motors {
         Self { chain }
     }
 
-    /// Currents \[A\] at positions `q` \[rad\], velocities `qd` \[rad/s\] and accelerations `qdd` [rad/s²],
+    /// Currents \[A\] at positions `q` \[rad\], velocities `qd` \[rad/s\] and accelerations `qdd` \[rad/s²\],
     /// with a payload of `mass` \[kg\] at `centre` \[m\] from the flange.
     pub(super) fn currents(
         &self,

@@ -63,7 +63,7 @@ pub struct Robot {
     pub digital_inputs: u64,
     /// Analog outputs \[A\] or \[V\].
     pub analog_outputs: [f64; 2],
-    /// Of the arm in the last cycle [rad/s²].
+    /// Of the arm in the last cycle \[rad/s²\].
     qdd: [f64; 6],
     motors: Motors,
     arm: ArmModel,

