@@ -106,6 +106,7 @@ def layers_point_downwards() -> None:
         "foretrace-ur-sim": {"foretrace-config", "foretrace-control", "foretrace-sim", "foretrace-ur"},
         "foretrace-record": {"foretrace-shm", "foretrace-config", "foretrace-control", "foretraced", "foretrace-sim"},
         "foretrace-live": {"foretrace-shm", "foretrace-client", "foretrace-serve", "foretrace-sim", "foretrace-record"},
+        "foretrace-calibrate": {"foretrace-config", "foretrace-control", "foretrace-sim"},
         "foretrace-doctor": {"foretrace-shm", "foretrace-client", "foretrace-config", "foretraced", "foretrace-sim", "foretrace-ur"},
         "foretrace-lab": {"foretrace-config", "foretrace-control", "foretrace-sim"},
     }

@@ -161,7 +161,7 @@ fn a_second_publisher_and_a_fifth_subscriber_find_no_place() {
     let _four: Vec<_> =
         (0..4).map(|_| rig.daemon().pen.subscriber(1, HeaderBounds::DEFAULT).unwrap()).collect();
     let error = rig.daemon().pen.subscriber(1, HeaderBounds::DEFAULT).unwrap_err();
-    assert!(matches!(error, ServiceError::NoPlace { what: "subscribers", limit: 4, .. }), "{error}");
+    assert!(matches!(error, ServiceError::NoPlace { what: "subscriber", limit: 4, .. }), "{error}");
     let own = format!("(process {})", std::process::id());
     assert_eq!(error.to_string().matches(&own).count(), 4, "who holds them is told: {error}");
     let error = peer.joint_cmd.subscriber(257, HeaderBounds::DEFAULT).unwrap_err();

@@ -16,8 +16,6 @@ use foretrace_sim::path::PathSample;
 
 use super::agreement::same_tool;
 use super::listen::Listener;
-use super::motion::{Place, motion};
-use super::picture;
 use super::report::CalibrationReport;
 use crate::attach::{attach_within, instance_of, unattached};
 use crate::failure::{Cause, Failure};
@@ -27,6 +25,8 @@ use crate::output::{JsonArgs, note, note_replaced};
 use crate::request::{may_pass, refused};
 use crate::settings::SettingsArgs;
 use crate::stopped;
+use foretrace_calibrate::motion::{Place, motion};
+use foretrace_calibrate::picture;
 
 const ANSWER: Duration = Duration::from_secs(2);
 /// How long an arm may take to report, and the daemon to arm.
@@ -149,7 +149,7 @@ impl Stage {
         let [x, y, _] = config.settings().plane.workspace_m;
         let place =
             Place { tool: [tool.x, tool.y], workspace: [x, y], amplitude_m: args.amplitude_mm * 1e-3 };
-        let path = motion(&place, args.seconds, &plane)?;
+        let path = motion(&place, args.seconds, &plane).map_err(super::uncalibrated)?;
         let duration_s = path.last().map_or(0.0, |last| last.t_s);
         note!(
             "calibrate: the tool moves by ±{} mm about where it stands, {duration_s:.0} s in all",

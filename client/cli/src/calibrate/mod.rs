@@ -1,10 +1,8 @@
 //! `foretrace calibrate`: measure what the settings need to know about the arm.
 
 mod lag;
-mod motion;
 mod agreement;
 mod listen;
-mod picture;
 mod report;
 mod kinematics;
 mod plane;
@@ -25,4 +23,9 @@ pub(crate) fn run(command: &CalibrateCommand) -> Result<(), Failure> {
         CalibrateCommand::Kinematics(args) => kinematics::run(args),
         CalibrateCommand::Plane(args) => plane::run(args),
     }
+}
+
+/// The failure of a calibration, with its remedy.
+fn uncalibrated(error: foretrace_calibrate::CalibrateError) -> Failure {
+    Failure::bad_input(error.what, error.remedy)
 }

@@ -8,12 +8,11 @@ use std::time::{Duration, Instant};
 use foretrace_client::{Foretrace, JointWatch, Mode, PenWatch, StatusReader};
 use nalgebra::Vector2;
 
-use super::still::Still;
-use super::touches::Mark;
 use crate::attach::unattached;
 use crate::failure::Failure;
 use crate::interrupt::Interrupt;
 use crate::output::note;
+use foretrace_calibrate::plane::{Mark, Still};
 
 /// The pen rests within this for so long.
 const PEN_M: f64 = 0.5e-3;

@@ -3,28 +3,21 @@
 //! Contract: moves nothing. A plane that fits badly, that the arm cannot reach all over, or whose proof touch
 //! is off is refused and not written.
 
-mod fit;
 mod listen;
-mod reach;
-mod still;
-mod touches;
-mod written;
 
 use std::path::PathBuf;
 use std::time::Duration;
 
+use foretrace_calibrate::plane::{self, Fit, Mark, PlaneReport};
 use foretrace_config::Config;
-use nalgebra::{Vector2, Vector3};
-use serde::Serialize;
 
+use super::uncalibrated;
 use crate::attach::{attach_within, instance_of};
-use crate::failure::{Cause, Failure};
+use crate::failure::Failure;
 use crate::interrupt::Interrupt;
 use crate::output::{JsonArgs, note, say};
 use crate::settings::{SettingsArgs, judged};
-use fit::{Fit, Touch};
 use listen::Listener;
-use touches::Mark;
 
 /// Find the writing plane: touch the same marks with the pen and with the tool's tip
 ///
@@ -68,46 +61,15 @@ pub(crate) struct PlaneArgs {
     json: JsonArgs,
 }
 
-/// The result; keys are stable.
-#[derive(Debug, Serialize)]
-struct PlaneReport {
-    origin_m: [f64; 3],
-    x_axis: [f64; 3],
-    normal: [f64; 3],
-    pen_origin_m: [f64; 2],
-    scale: f64,
-    touches: Vec<TouchReport>,
-    proof: TouchReport,
-}
-
-/// How far a touch is off.
-#[derive(Debug, Clone, Copy, Serialize)]
-struct TouchReport {
-    along_mm: f64,
-    above_mm: f64,
-    tilt_rad: f64,
-}
-
-impl TouchReport {
-    fn of(fit: &Fit, touch: &Touch) -> Self {
-        let [along, above] = fit.residual(touch);
-        Self { along_mm: along * 1e3, above_mm: above * 1e3, tilt_rad: fit.tilt(touch) }
-    }
-
-    fn off_mm(&self) -> f64 {
-        self.along_mm.hypot(self.above_mm)
-    }
-}
-
 pub(super) fn run(args: &PlaneArgs) -> Result<(), Failure> {
     args.json.claim()?;
     let config = args.settings.load()?;
     let marks = match &args.touches {
-        Some(file) => touches::read(file)?,
+        Some(file) => plane::read(file).map_err(uncalibrated)?,
         None => listened(args, &config)?,
     };
     if let Some(file) = &args.save {
-        let text = touches::text(&marks);
+        let text = plane::text(&marks);
         foretrace_sim::whole::write(file, |out| std::io::Write::write_all(out, text.as_bytes())).map_err(
             |error| {
                 Failure::failed(
@@ -117,28 +79,13 @@ pub(super) fn run(args: &PlaneArgs) -> Result<(), Failure> {
             },
         )?;
     }
-    let touches: Vec<Touch> = marks.iter().map(|mark| touch(&config, mark)).collect();
-    let Some((proof, fitted)) = touches.split_last() else {
-        return Err(Failure::bad_input("there is no mark", "give three or more, and one as proof"));
-    };
-    let pen_origin = Vector2::from(config.settings().plane.pen_origin_m);
-    let fit = Fit::of(fitted, pen_origin)
-        .map_err(|error| Failure::new(Cause::BadInput, error, "nothing was written"))?;
-    let report = PlaneReport {
-        origin_m: fit.origin.into(),
-        x_axis: fit.x_axis.into(),
-        normal: fit.normal.into(),
-        pen_origin_m: fit.pen_origin.into(),
-        scale: fit.scale,
-        touches: fitted.iter().map(|touch| TouchReport::of(&fit, touch)).collect(),
-        proof: TouchReport::of(&fit, proof),
-    };
+    let (fit, report) = plane::fit(&config, &marks).map_err(uncalibrated)?;
     tell(&report, &fit);
     args.json.write(&report)?;
-    refuse(args, &report)?;
+    report.check(args.within).map_err(uncalibrated)?;
     reached(args, &fit)?;
     if let (true, Some(file)) = (args.write, &args.settings.config) {
-        written::write(file, &fit)?;
+        plane::write(file, &fit).map_err(uncalibrated)?;
         say!("\nwritten into {}; start the daemon again with it", file.display());
     } else {
         say!("\nput these lines into the settings, or give --config FILE --write");
@@ -156,11 +103,6 @@ fn listened(args: &PlaneArgs, config: &Config) -> Result<Vec<Mark>, Failure> {
     (1..=all).map(|number| listener.mark(number, number == all)).collect()
 }
 
-fn touch(config: &Config, mark: &Mark) -> Touch {
-    let pose = config.robot().chain.forward(&mark.q);
-    Touch { pen: mark.pen, tip: pose.position, axis: pose.rotation * Vector3::z() }
-}
-
 fn tell(report: &PlaneReport, fit: &Fit) {
     say!("touch      along the paper [mm]   above it [mm]   tilt of the tool [rad]");
     let proof = std::iter::once(("proof".to_owned(), &report.proof));
@@ -169,45 +111,19 @@ fn tell(report: &PlaneReport, fit: &Fit) {
         say!("{name:<6}{:>25.3} {:>15.3} {:>24.3}", touch.along_mm, touch.above_mm, touch.tilt_rad);
     }
     say!("\n[plane]");
-    for (key, value) in written::lines(fit) {
+    for (key, value) in plane::lines(fit) {
         say!("{key} = {value}");
     }
-}
-
-/// Touches that are farther off than allowed.
-fn refuse(args: &PlaneArgs, report: &PlaneReport) -> Result<(), Failure> {
-    let worst = report.touches.iter().zip(1..).max_by(|(a, _), (b, _)| a.off_mm().total_cmp(&b.off_mm()));
-    if let Some((touch, number)) = worst.filter(|(touch, _)| !(touch.off_mm() <= args.within)) {
-        return Err(Failure::bad_input(
-            format_args!(
-                "touch {number} is {:.2} mm off the plane, allowed are {} mm",
-                touch.off_mm(),
-                args.within
-            ),
-            "nothing was written: touch the marks anew, more exactly; see also `foretrace calibrate kinematics`",
-        ));
-    }
-    if !(report.proof.off_mm() <= args.within) {
-        return Err(Failure::bad_input(
-            format_args!(
-                "the proof is {:.2} mm off the plane of the other touches, allowed are {} mm",
-                report.proof.off_mm(),
-                args.within
-            ),
-            "nothing was written: touch all marks anew, and choose them farther apart",
-        ));
-    }
-    Ok(())
 }
 
 /// The settings with the new plane, and their reach over the whole paper.
 fn reached(args: &PlaneArgs, fit: &Fit) -> Result<(), Failure> {
     let mut source = args.settings.source()?;
-    for (key, value) in written::lines(fit) {
+    for (key, value) in plane::lines(fit) {
         source.overrides.push((format!("plane.{key}"), value));
     }
     let config = judged(&source)?;
-    match reach::missing(&config.settings().plane, config.robot()) {
+    match plane::missing(&config.settings().plane, config.robot()) {
         None => {
             say!("\nthe arm reaches the whole paper, upright");
             Ok(())
@@ -223,6 +139,7 @@ fn reached(args: &PlaneArgs, fit: &Fit) -> Result<(), Failure> {
 mod tests {
     use super::*;
     use foretrace_control::ik::{ToolTarget, solve_pose};
+    use nalgebra::{Vector2, Vector3};
 
     /// Marks on the preset's paper, as an arm and a pen turned by 0.3 rad and 0.8 times as large would touch
     /// them; the last is off by `off_m` along the normal.
@@ -243,7 +160,7 @@ mod tests {
 
     fn args(folder: &std::path::Path, marks: &[Mark]) -> PlaneArgs {
         let (file, settings) = (folder.join("touches.csv"), folder.join("table.toml"));
-        std::fs::write(&file, touches::text(marks)).unwrap();
+        std::fs::write(&file, plane::text(marks)).unwrap();
         std::fs::write(&settings, "preset = \"ur5\"\n").unwrap();
         PlaneArgs {
             marks: 3,

@@ -6,10 +6,10 @@ use std::path::Path;
 
 use nalgebra::Vector2;
 
-use crate::failure::Failure;
+use crate::CalibrateError;
 
 const HEADER: &str = "pen_x_m,pen_y_m,q1_rad,q2_rad,q3_rad,q4_rad,q5_rad,q6_rad";
-/// Largest file that is read [bytes], and most marks.
+/// Largest file that is read \[bytes\], and most marks.
 const FILE_BYTES: u64 = 1 << 16;
 const MOST: usize = 100;
 /// Beyond this no pen and no joint is [m, rad].
@@ -17,17 +17,17 @@ const LIMIT: f64 = 10.0;
 
 /// A mark as it was measured.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Mark {
-    /// The pen [m].
-    pub(super) pen: Vector2<f64>,
-    /// The measured joints with the tip on the mark [rad].
-    pub(super) q: [f64; 6],
+pub struct Mark {
+    /// The pen \[m\].
+    pub pen: Vector2<f64>,
+    /// The measured joints with the tip on the mark \[rad\].
+    pub q: [f64; 6],
 }
 
 /// Reads a file of marks.
-pub(super) fn read(path: &Path) -> Result<Vec<Mark>, Failure> {
+pub fn read(path: &Path) -> Result<Vec<Mark>, CalibrateError> {
     let wrong = |what: String| {
-        Failure::bad_input(
+        CalibrateError::new(
             format_args!("{}: {what}", path.display()),
             format_args!("write the header {HEADER} and one mark per line"),
         )
@@ -67,7 +67,7 @@ fn parse(text: &str) -> Result<Vec<Mark>, String> {
 }
 
 /// The same marks as text.
-pub(super) fn text(marks: &[Mark]) -> String {
+pub fn text(marks: &[Mark]) -> String {
     let mut text = format!("{HEADER}\n");
     for Mark { pen, q } in marks {
         let joints: Vec<String> = q.iter().map(|q| format!("{q:.9}")).collect();

@@ -6,10 +6,10 @@ use std::collections::VecDeque;
 
 /// Collects samples of `N` numbers until they rest.
 #[derive(Debug, Clone)]
-pub(super) struct Still<const N: usize> {
+pub struct Still<const N: usize> {
     /// Largest distance of a number from the oldest of the rest [m, rad].
     tolerance: f64,
-    /// How long it has to rest [ns].
+    /// How long it has to rest \[ns\].
     rest_ns: u64,
     samples: VecDeque<(u64, [f64; N])>,
 }
@@ -20,17 +20,17 @@ const KEPT: usize = 2000;
 const LEAST: usize = 10;
 
 impl<const N: usize> Still<N> {
-    pub(super) const fn new(tolerance: f64, rest_ns: u64) -> Self {
+    pub const fn new(tolerance: f64, rest_ns: u64) -> Self {
         Self { tolerance, rest_ns, samples: VecDeque::new() }
     }
 
     /// Begins anew.
-    pub(super) fn moved(&mut self) {
+    pub fn moved(&mut self) {
         self.samples.clear();
     }
 
     /// A sample at `stamp_ns`; the median of the rest once that has lasted.
-    pub(super) fn take(&mut self, stamp_ns: u64, sample: [f64; N]) -> Option<[f64; N]> {
+    pub fn take(&mut self, stamp_ns: u64, sample: [f64; N]) -> Option<[f64; N]> {
         // The newest is where the rest is judged from, so that a slow drift ends it too.
         let near = |old: &[f64; N]| old.iter().zip(&sample).all(|(a, b)| (a - b).abs() <= self.tolerance);
         if !self.samples.iter().all(|(_, old)| near(old)) {

@@ -5,14 +5,14 @@ use std::path::Path;
 use foretrace_config::files::{LONGEST_SETTINGS, read_text};
 use foretrace_config::{Config, Settings};
 
-use super::fit::Fit;
-use crate::failure::Failure;
+use crate::CalibrateError;
+use crate::plane::Fit;
 
 /// Two numbers of the settings that count as the same.
 const SAME: f64 = 1e-9;
 
 /// The keys and values, as they stand in a file.
-pub(super) fn lines(fit: &Fit) -> Vec<(&'static str, String)> {
+pub fn lines(fit: &Fit) -> Vec<(&'static str, String)> {
     let list = |values: &[f64]| {
         let words: Vec<String> = values.iter().map(|value| format!("{value:.9}")).collect();
         format!("[{}]", words.join(", "))
@@ -27,9 +27,9 @@ pub(super) fn lines(fit: &Fit) -> Vec<(&'static str, String)> {
 }
 
 /// Puts them into `path`; the file is judged as a whole before it is replaced.
-pub(super) fn write(path: &Path, fit: &Fit) -> Result<(), Failure> {
+pub fn write(path: &Path, fit: &Fit) -> Result<(), CalibrateError> {
     let refused = |what: String| {
-        Failure::bad_input(
+        CalibrateError::new(
             format_args!("{}: {what}", path.display()),
             "nothing was written; put the lines above into [plane] by hand",
         )

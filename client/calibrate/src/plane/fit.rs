@@ -7,41 +7,41 @@
 
 use nalgebra::{Matrix3x2, Vector2, Vector3};
 
-/// The marks have to spread at least this far in their narrower direction, as rms distance [m].
+/// The marks have to spread at least this far in their narrower direction, as rms distance \[m\].
 const NARROWEST_M: f64 = 0.015;
 /// Least and greatest scale of the settings' key.
 const SCALES: std::ops::RangeInclusive<f64> = 0.01..=100.0;
 
 /// One mark, touched by both.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Touch {
-    /// The pen there, in its device's plane [m].
-    pub(super) pen: Vector2<f64>,
-    /// The tool's tip there, in the base frame [m].
-    pub(super) tip: Vector3<f64>,
+pub struct Touch {
+    /// The pen there, in its device's plane \[m\].
+    pub pen: Vector2<f64>,
+    /// The tool's tip there, in the base frame \[m\].
+    pub tip: Vector3<f64>,
     /// Direction of the tool, in the base frame, of length 1.
-    pub(super) axis: Vector3<f64>,
+    pub axis: Vector3<f64>,
 }
 
 /// The plane.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Fit {
-    /// Where the pen's point `pen_origin` is, in the base frame [m].
-    pub(super) origin: Vector3<f64>,
-    pub(super) x_axis: Vector3<f64>,
-    pub(super) y_axis: Vector3<f64>,
-    pub(super) normal: Vector3<f64>,
+pub struct Fit {
+    /// Where the pen's point `pen_origin` is, in the base frame \[m\].
+    pub origin: Vector3<f64>,
+    pub x_axis: Vector3<f64>,
+    pub y_axis: Vector3<f64>,
+    pub normal: Vector3<f64>,
     /// Plane metres per pen metre.
-    pub(super) scale: f64,
-    pub(super) pen_origin: Vector2<f64>,
+    pub scale: f64,
+    pub pen_origin: Vector2<f64>,
 }
 
 /// Why there is no plane.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum NoFit {
+pub enum NoFit {
     /// Fewer than three marks.
     TooFew(usize),
-    /// The marks lie nearly on a line, or close together: rms spread in the narrower direction [m].
+    /// The marks lie nearly on a line, or close together: rms spread in the narrower direction \[m\].
     Narrow(f64),
     /// The tool's touches do.
     TipsNarrow(f64),
@@ -85,7 +85,7 @@ impl std::fmt::Display for NoFit {
 
 impl Fit {
     /// Of at least three touches; `pen_origin` is the pen's point that becomes the plane's origin.
-    pub(super) fn of(touches: &[Touch], pen_origin: Vector2<f64>) -> Result<Self, NoFit> {
+    pub fn of(touches: &[Touch], pen_origin: Vector2<f64>) -> Result<Self, NoFit> {
         if touches.len() < 3 {
             return Err(NoFit::TooFew(touches.len()));
         }
@@ -130,21 +130,21 @@ impl Fit {
         Ok(Self { origin, x_axis, y_axis, normal, scale, pen_origin })
     }
 
-    /// Where a touch of the pen belongs, in the base frame [m].
-    pub(super) fn place(&self, pen: &Vector2<f64>) -> Vector3<f64> {
+    /// Where a touch of the pen belongs, in the base frame \[m\].
+    pub fn place(&self, pen: &Vector2<f64>) -> Vector3<f64> {
         let at = self.scale * (pen - self.pen_origin);
         self.origin + self.x_axis * at.x + self.y_axis * at.y
     }
 
-    /// How far the tip was from where the pen's touch belongs: along the paper and above it [m].
-    pub(super) fn residual(&self, touch: &Touch) -> [f64; 2] {
+    /// How far the tip was from where the pen's touch belongs: along the paper and above it \[m\].
+    pub fn residual(&self, touch: &Touch) -> [f64; 2] {
         let off = touch.tip - self.place(&touch.pen);
         let above = off.dot(&self.normal);
         [(off - self.normal * above).norm(), above]
     }
 
-    /// Angle between the tool and the line into the paper [rad].
-    pub(super) fn tilt(&self, touch: &Touch) -> f64 {
+    /// Angle between the tool and the line into the paper \[rad\].
+    pub fn tilt(&self, touch: &Touch) -> f64 {
         (-touch.axis.dot(&self.normal)).clamp(-1.0, 1.0).acos()
     }
 }

@@ -7,7 +7,7 @@ use foretrace_sim::plot::{Line, Mark, Panel, PlotError, panels_and_curve};
 
 /// Length of the motion that is shown [s]: short enough to see milliseconds.
 const SHOWN_S: f64 = 2.0;
-/// Shifts farther from the best are not shown [s].
+/// Shifts farther from the best are not shown \[s\].
 const NEAR_S: f64 = 0.08;
 
 /// Draws the middle of the motion, the residuals of both models, and the error against the shift.
@@ -15,7 +15,7 @@ const NEAR_S: f64 = 0.08;
 /// # Errors
 ///
 /// [`PlotError`].
-pub(super) fn draw(
+pub fn draw(
     file: &Path,
     words: &str,
     found: &Identified,

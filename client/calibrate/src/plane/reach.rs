@@ -13,7 +13,7 @@ use nalgebra::Vector3;
 const SIDE: usize = 9;
 
 /// The first place of `plane` that is out of reach, in words.
-pub(super) fn missing(plane: &PlaneSection, robot: &Robot) -> Option<String> {
+pub fn missing(plane: &PlaneSection, robot: &Robot) -> Option<String> {
     let rotation = plane.rotation();
     let (origin, axis) = (Vector3::from(plane.origin_m), -(rotation * Vector3::z()));
     let solve = |seed: &[f64; JOINTS], [x, y, z]: [f64; 3]| {

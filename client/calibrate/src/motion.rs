@@ -8,39 +8,39 @@ use std::f64::consts::TAU;
 use foretrace_control::plane::Plane;
 use foretrace_sim::path::PathSample;
 
-use crate::failure::Failure;
+use crate::CalibrateError;
 
-/// Rate of the synthetic pen [Hz].
+/// Rate of the synthetic pen \[Hz\].
 const RATE_HZ: f64 = 200.0;
 /// Rest before, between and after [s]: the loop locks on to the pen, the arm settles, the last motion
 /// arrives.
 const REST_S: [f64; 3] = [0.4, 0.5, 0.8];
-/// Time in which the motion fades in and out [s].
+/// Time in which the motion fades in and out \[s\].
 const FADE_S: f64 = 0.5;
-/// Peak speed of the travel to where there is room [m/s].
+/// Peak speed of the travel to where there is room \[m/s\].
 const TRAVEL_MPS: f64 = 0.1;
-/// Distance to the border of the workspace that is kept [m].
+/// Distance to the border of the workspace that is kept \[m\].
 const MARGIN_M: f64 = 0.005;
-/// Frequencies along x and y [Hz]; amplitudes fall with them, so that each has the same part in the speed.
+/// Frequencies along x and y \[Hz\]; amplitudes fall with them, so that each has the same part in the speed.
 const FREQUENCIES_HZ: [[f64; 3]; 2] = [[0.7, 1.9, 3.3], [1.1, 2.6, 4.1]];
 
 /// Bounds of the motion, in the plane frame.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Place {
-    /// The tool [m].
-    pub(super) tool: [f64; 2],
-    /// The workspace, [[low, high] of x, of y] [m].
-    pub(super) workspace: [[f64; 2]; 2],
-    /// Farthest from the middle of the motion along each axis [m].
-    pub(super) amplitude_m: f64,
+pub struct Place {
+    /// The tool \[m\].
+    pub tool: [f64; 2],
+    /// The workspace, [[low, high] of x, of y] \[m\].
+    pub workspace: [[f64; 2]; 2],
+    /// Farthest from the middle of the motion along each axis \[m\].
+    pub amplitude_m: f64,
 }
 
-/// The motion in the pen's own plane [m], times from 0; lasts `seconds` without rest and travel.
+/// The motion in the pen's own plane \[m\], times from 0; lasts `seconds` without rest and travel.
 ///
 /// # Errors
 ///
 /// The workspace has no room for the amplitude.
-pub(super) fn motion(place: &Place, seconds: f64, plane: &Plane) -> Result<Vec<PathSample>, Failure> {
+pub fn motion(place: &Place, seconds: f64, plane: &Plane) -> Result<Vec<PathSample>, CalibrateError> {
     let [start, centre] = start_and_centre(place)?;
     let distance = (centre[0] - start[0]).hypot(centre[1] - start[1]);
     // A minimum-jerk travel is 1.875 times as fast at its peak as in the mean.
@@ -63,13 +63,13 @@ pub(super) fn motion(place: &Place, seconds: f64, plane: &Plane) -> Result<Vec<P
 }
 
 /// The tool, inside the workspace, and the nearest point around which there is room.
-fn start_and_centre(place: &Place) -> Result<[[f64; 2]; 2], Failure> {
+fn start_and_centre(place: &Place) -> Result<[[f64; 2]; 2], CalibrateError> {
     let room = place.amplitude_m + MARGIN_M;
     let mut both = [[0.0; 2]; 2];
     for (axis, [low, high]) in place.workspace.into_iter().enumerate() {
         if high - low < 2.0 * room {
             let most_mm = (0.5 * (high - low) - MARGIN_M) * 1e3;
-            return Err(Failure::bad_input(
+            return Err(CalibrateError::new(
                 format_args!(
                     "a motion of ±{} mm has no room in a workspace of {:.0} mm along {}",
                     place.amplitude_m * 1e3,
@@ -85,7 +85,7 @@ fn start_and_centre(place: &Place) -> Result<[[f64; 2]; 2], Failure> {
     Ok(both)
 }
 
-/// Sines that add up to at most 1, faded in and out, over time since the beginning [s]; 0 outside.
+/// Sines that add up to at most 1, faded in and out, over time since the beginning \[s\]; 0 outside.
 fn wave(frequencies: [f64; 3], seconds: f64) -> impl Fn(f64) -> f64 {
     let fade_s = FADE_S.min(0.25 * seconds);
     let raw = move |u: f64| {
