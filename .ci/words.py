@@ -15,12 +15,12 @@ ROOT = pathlib.Path(__file__).resolve().parent.parent
 # Share of type names that are in use for several things [%]; the aim is 8.
 MOST_HOMONYMS = 17.8
 # Doc comments of fewer than four words, but for error variants, units and ranges; the aim is none.
-MOST_EMPTY_DOCS = 1381
+MOST_EMPTY_DOCS = 1377
 problems: list[str] = []
 
 
 def sources() -> dict[str, str]:
-    names = subprocess.run(["git", "ls-files", "*.rs"], cwd=ROOT, capture_output=True, text=True, check=True).stdout.split()
+    names = subprocess.run(["git", "ls-files", "--cached", "--others", "--exclude-standard", "*.rs"], cwd=ROOT, capture_output=True, text=True, check=True).stdout.split()
     found = {}
     for name in names:
         below = re.sub(r"^(daemon/control|daemon|config|shm-schema|client/[a-z-]+|client)/", "", name)

@@ -71,17 +71,13 @@ impl DoctorError {
 /// The result; keys are stable.
 #[derive(Debug, Serialize)]
 pub struct Report {
-    /// Over all checks.
     pub verdict: Verdict,
-    /// Of the loop.
     pub rate_hz: u32,
     /// Between two ticks \[us\].
     pub period_us: u64,
     /// How long wake-ups were measured.
     pub seconds: f64,
-    /// Name of the settings.
     pub settings: String,
-    /// One per subject.
     pub checks: Vec<Finding>,
     /// How late the ticks began \[us\].
     pub lateness_us: Lateness,

@@ -17,13 +17,10 @@ use crate::{DoctorError, Verdict, lines, names, verdict};
 /// The result; keys are stable.
 #[derive(Debug, Serialize)]
 pub struct RobotReport {
-    /// Over all checks.
     pub verdict: Verdict,
     /// Name or address of the controller.
     pub host: String,
-    /// Name of the settings.
     pub settings: String,
-    /// One per subject.
     pub checks: Vec<Finding>,
     /// What was measured on the line; none where nothing came.
     pub timing: Option<Timing>,

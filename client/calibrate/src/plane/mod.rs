@@ -25,7 +25,6 @@ pub use written::{lines, write};
 pub struct PlaneReport {
     /// Of the paper in the base frame \[m\].
     pub origin_m: [f64; 3],
-    /// Unit vector.
     pub x_axis: [f64; 3],
     /// Unit vector, away from the paper.
     pub normal: [f64; 3],
@@ -33,7 +32,6 @@ pub struct PlaneReport {
     pub pen_origin_m: [f64; 2],
     /// Plane metres per pen metre.
     pub scale: f64,
-    /// Those of the fit.
     pub touches: Vec<TouchReport>,
     /// That of the last mark, which is no part of the fit.
     pub proof: TouchReport,
@@ -42,9 +40,7 @@ pub struct PlaneReport {
 /// How far a touch is off.
 #[derive(Debug, Clone, Copy, Serialize)]
 pub struct TouchReport {
-    /// In the plane.
     pub along_mm: f64,
-    /// Along its normal.
     pub above_mm: f64,
     /// Of the tool, from the normal.
     pub tilt_rad: f64,
