@@ -15,7 +15,7 @@ ROOT = pathlib.Path(__file__).resolve().parent.parent
 # Share of type names that are in use for several things [%]; the aim is 8.
 MOST_HOMONYMS = 17.8
 # Doc comments of fewer than four words, but for error variants, units and ranges; the aim is none.
-MOST_EMPTY_DOCS = 1377
+MOST_EMPTY_DOCS = 1376
 problems: list[str] = []
 
 

@@ -39,7 +39,7 @@ pub(crate) struct ShapesArgs {
 
 pub(crate) fn run(args: &ShapesArgs) -> Result<(), Failure> {
     let ShapesArgs { urdf, out, packages, most, outside_mm } = args;
-    let options = Options { packages: packages.clone(), most: most.clone(), outside_m: outside_mm * 1e-3 };
+    let options = Options { packages: packages.clone(), most: most.clone(), outside_mm: *outside_mm };
     let proposals = propose(urdf, &options).map_err(|error| {
         let remedy = match error {
             ShapesError::Description { .. } => "give a robot description in URDF",
@@ -49,7 +49,7 @@ pub(crate) fn run(args: &ShapesArgs) -> Result<(), Failure> {
         };
         Failure::bad_input(error, remedy)
     })?;
-    let fragment = fragment(&proposals, options.outside_m);
+    let fragment = fragment(&proposals, options.outside_mm);
     let count: usize = proposals.iter().map(|proposal| proposal.capsules.len()).sum();
     match out {
         None => say!("{}", fragment.trim_end()),

@@ -340,7 +340,9 @@ fn admit(board: &Arc<Board>, door: &Door, mut stream: Wire, slot: &Slot, peer: S
         Ok(head) => head,
         Err(error) => return refuse(&mut stream, "400 Bad Request", error.label()),
     };
-    slot.asked();
+    if let Err(reason) = slot.asked() {
+        return refuse(&mut stream, "503 Service Unavailable", reason);
+    }
     if !head.only("host").is_some_and(|host| door.guard.is_host(host)) {
         return refuse(&mut stream, "403 Forbidden", "foreign host");
     }

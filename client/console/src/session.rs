@@ -70,6 +70,7 @@ impl Page<'_> {
                 Ok(Incoming::Message(_)) => self.board.refuse("binary message"),
                 Ok(Incoming::Nothing) => {}
                 Ok(Incoming::Closed) => return "closed",
+                Ok(Incoming::Broken) => return "connection broke",
                 Err(reason) => {
                     self.board.refuse(reason);
                     return reason;

@@ -2,7 +2,7 @@
 //!
 //! Contract: what comes over the socket is passed on only if the kernel names an allowed user, the frames are
 //! well formed, and each sample is finite, in range, of this moment, later than the one before and within the
-//! rate. Everything that is refused is counted by reason. One thread, memory of fixed size, every wait
+//! rate. Everything that is refused is counted by reason. One thread, bounded memory, every wait
 //! bounded.
 //!
 //! In the order of a sample's way: `socket`, `serve` (with `holder`: who keeps the only slot), then

@@ -1,6 +1,6 @@
 //! The gateway's connections: admits one client at a time and turns its bytes into samples.
 //!
-//! Contract: one thread, memory of fixed size, every wait bounded. The user is judged before a byte is read.
+//! Contract: one thread, bounded memory, every wait bounded. The user is judged before a byte is read.
 //! Whatever a client sends or leaves out, the gateway goes on; only a listener that fails ends it.
 
 use std::io::{self, Write};
@@ -21,6 +21,8 @@ use crate::tally::{Samples, Tally};
 const WAIT: Duration = Duration::from_millis(20);
 /// A client over its rate is read no faster than once per this time.
 const THROTTLE: Duration = Duration::from_millis(1);
+/// Bytes read at once.
+const CHUNK: usize = 4096;
 /// Connections that are answered in one round.
 const MOST_ACCEPTED: usize = 16;
 
@@ -168,7 +170,7 @@ impl<Deliver: FnMut(PenSample) -> Delivery> Gateway<Deliver> {
 
     /// Takes what the client has sent; a reason when the connection is over.
     fn hear(&mut self, client: &mut Client) -> Option<&'static str> {
-        match client.frames.read_once(&mut client.stream) {
+        match client.frames.read_once(&mut client.stream, CHUNK) {
             Ok(_) => {}
             Err(Over::Ended) if client.frames.pending() > 0 => return Some("ended inside a frame"),
             Err(Over::Ended) => return Some("ended by the client"),

@@ -200,7 +200,7 @@ mod tests {
                     if dice() >> 60 == 0 { 0 } else { 16 } + (dice() >> 33) as usize % (FRAME_BYTES - 16);
                 bytes[at] = (dice() >> 40) as u8;
             }
-            frames.read_once(&mut bytes.as_slice()).unwrap();
+            frames.read_once(&mut bytes.as_slice(), FRAME_BYTES).unwrap();
             let frame = match frames.next_frame() {
                 Ok(body) => Frame::decode(body.expect("a whole frame was given")).ok(),
                 Err(over) => {

@@ -10,7 +10,7 @@ use crate::http::waits;
 
 /// Bytes of the length.
 const LENGTH_BYTES: usize = 4;
-/// Bytes of one read.
+/// Bytes of one read at most.
 const CHUNK_BYTES: usize = 1 << 16;
 
 /// Why a stream gives no frames any more.
@@ -18,7 +18,7 @@ const CHUNK_BYTES: usize = 1 << 16;
 pub enum Over {
     /// The peer ended it.
     Ended,
-    /// It broke.
+    /// The connection broke by itself.
     Broken,
     /// A frame of this length, which the protocol does not have.
     Length(u32),
@@ -48,7 +48,7 @@ impl Frames {
     pub fn fill(&mut self, stream: &mut impl Read, most: usize) -> Result<(), Over> {
         let mut came = 0;
         while came < most {
-            match self.read_once(stream)? {
+            match self.read_once(stream, CHUNK_BYTES)? {
                 0 => break,
                 count => came += count,
             }
@@ -56,16 +56,17 @@ impl Frames {
         Ok(())
     }
 
-    /// Takes in what one read of `stream` gives, 64 KiB at most; 0: there was nothing.
+    /// Takes in what one read of `stream` gives, `most` bytes or 64 KiB at most; 0: there was nothing.
     ///
     /// # Errors
     ///
     /// As [`Frames::fill`].
-    pub fn read_once(&mut self, stream: &mut impl Read) -> Result<usize, Over> {
+    pub fn read_once(&mut self, stream: &mut impl Read, most: usize) -> Result<usize, Over> {
         self.bytes.drain(..self.taken);
         self.taken = 0;
         let mut room = [0; CHUNK_BYTES];
-        match stream.read(&mut room) {
+        let most = most.min(CHUNK_BYTES);
+        match stream.read(room.get_mut(..most).unwrap_or_default()) {
             Ok(0) => Err(Over::Ended),
             Ok(count) => {
                 self.bytes.extend_from_slice(room.get(..count).unwrap_or_default());
@@ -139,7 +140,7 @@ mod tests {
             while !rest.is_empty() {
                 let (piece, later) = rest.split_at((1 + dice.below(130)).min(rest.len()));
                 rest = later;
-                frames.read_once(&mut &piece[..]).unwrap();
+                frames.read_once(&mut &piece[..], 4096).unwrap();
                 while let Some(body) = frames.next_frame().unwrap() {
                     got.push(body.to_vec());
                 }
@@ -152,9 +153,9 @@ mod tests {
     #[test]
     fn a_wrong_length_is_noticed_before_the_rest_has_come_and_an_end_after_what_came_before() {
         let mut frames = Frames::new(48..=48);
-        frames.read_once(&mut &[47, 0, 0][..]).unwrap();
+        frames.read_once(&mut &[47, 0, 0][..], 4096).unwrap();
         assert_eq!(frames.next_frame(), Ok(None));
-        frames.read_once(&mut &[0][..]).unwrap();
+        frames.read_once(&mut &[0][..], 4096).unwrap();
         assert_eq!(frames.next_frame(), Err(Over::Length(47)));
         let mut frames = Frames::new(0..=8);
         assert_eq!(frames.fill(&mut framed(&[&[1, 2]]).as_slice(), 1000), Err(Over::Ended));

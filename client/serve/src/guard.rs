@@ -46,13 +46,21 @@ impl Token {
     }
 }
 
+/// Literal addresses that are hosts.
+#[derive(Debug, Clone, Copy)]
+struct Literal {
+    port: u16,
+    /// Only those of loopback.
+    loopback: bool,
+}
+
 /// The hosts under which a server may be asked for, and the origins of the pages that may talk to it.
 #[derive(Debug, Clone)]
 pub struct Guard {
     scheme: &'static str,
     hosts: Vec<String>,
-    /// Every literal address with this port is a host too.
-    any_address: Option<u16>,
+    /// Literal addresses with this port are hosts too.
+    literal: Option<Literal>,
     /// Beside pages of the server's own hosts.
     origins: Vec<String>,
     /// Pages of this machine at any port may talk to it.
@@ -64,7 +72,7 @@ impl Guard {
     #[must_use]
     pub fn local(port: u16) -> Self {
         let hosts = ["127.0.0.1", "localhost"].map(|host| format!("{host}:{port}")).to_vec();
-        Self { scheme: "http://", hosts, any_address: None, origins: Vec::new(), local_pages: false }
+        Self { scheme: "http://", hosts, literal: None, origins: Vec::new(), local_pages: false }
     }
 
     /// Of a server under TLS at these addresses and these names of this machine.
@@ -73,7 +81,7 @@ impl Guard {
         let port = at.first().map_or(0, SocketAddr::port);
         let named = names.iter().map(|name| format!("{name}:{port}"));
         let hosts = also_without(":443", at.iter().map(ToString::to_string).chain(named).collect());
-        Self { scheme: "https://", hosts, any_address: None, origins: Vec::new(), local_pages: false }
+        Self { scheme: "https://", hosts, literal: None, origins: Vec::new(), local_pages: false }
     }
 
     /// Of a server in the clear that listens at `at`, for pages of this machine and of `origins`. Where `at`
@@ -82,20 +90,20 @@ impl Guard {
     #[must_use]
     pub fn of_pages(at: SocketAddr, origins: Vec<String>) -> Self {
         let port = at.port();
-        let hosts = ["127.0.0.1", "[::1]", "localhost"].map(|host| format!("{host}:{port}"));
-        let hosts = also_without(":80", hosts.to_vec());
-        let any_address = (!at.ip().is_loopback()).then_some(port);
-        Self { scheme: "http://", hosts, any_address, origins, local_pages: true }
+        let hosts = also_without(":80", vec![format!("localhost:{port}")]);
+        let literal = Some(Literal { port, loopback: at.ip().is_loopback() });
+        Self { scheme: "http://", hosts, literal, origins, local_pages: true }
     }
 
     /// Whether the `Host` of a request is this server's.
     #[must_use]
     pub fn is_host(&self, host: &str) -> bool {
         self.is_listed(host)
-            || self.any_address.is_some_and(|port| {
-                let (name, asked) = host.rsplit_once(':').unwrap_or((host, "80"));
-                let literal = name.trim_start_matches('[').trim_end_matches(']').parse::<IpAddr>();
-                literal.is_ok() && asked.parse() == Ok(port)
+            || self.literal.is_some_and(|literal| {
+                let (name, port) = host.rsplit_once(':').unwrap_or((host, "80"));
+                let address = name.trim_start_matches('[').trim_end_matches(']').parse::<IpAddr>();
+                port.parse() == Ok(literal.port)
+                    && address.is_ok_and(|address| address.is_loopback() || !literal.loopback)
             })
     }
 
@@ -178,7 +186,7 @@ mod tests {
     fn a_server_for_pages_knows_this_machine_only_and_lets_pages_of_it_and_of_a_list_talk() {
         let guard =
             Guard::of_pages("127.0.0.1:8765".parse().unwrap(), vec!["https://mine.example".to_owned()]);
-        for host in ["127.0.0.1:8765", "LOCALHOST:8765", "[::1]:8765"] {
+        for host in ["127.0.0.1:8765", "LOCALHOST:8765", "[::1]:8765", "127.0.0.2:8765"] {
             assert!(guard.is_host(host), "{host}");
         }
         for host in

@@ -11,8 +11,8 @@ use std::time::{Duration, Instant};
 const HEAD_BYTES: usize = 8192;
 /// Most headers of a request; browsers send about twenty.
 const MOST_HEADERS: usize = 64;
-/// Longest time for a head, from its first byte to its last.
-pub const HEAD_TIME: Duration = Duration::from_secs(2);
+/// Longest time for a head, from the first look at the connection to its last byte.
+pub const HEAD_TIME: Duration = Duration::from_secs(3);
 
 /// Headers that every answer carries. A page may run its own scripts and talk to its own server only; it is
 /// isolated from other pages, which also makes the browser's clock finer.

@@ -132,6 +132,8 @@ impl Inside {
             (Full::All, anybody, limits.all),
         ];
         let (full, rivals, _) = broken.into_iter().find(|(_, rivals, most)| count(*rivals) >= *most)?;
+        // A page of this machine gives way to nobody from outside.
+        let rivals = if machine.is_loopback() || full == Full::OfOne { rivals } else { remote };
         Some((full, (machine, rivals)))
     }
 
@@ -154,11 +156,15 @@ impl Inside {
 
 impl Slot {
     /// The peer has asked: it keeps its slot until this is dropped.
-    pub fn asked(&self) {
+    ///
+    /// # Errors
+    ///
+    /// It gave way before, in words to count by.
+    pub fn asked(&self) -> Result<(), &'static str> {
         let mut inside = self.peers.inside();
-        if let Some(peer) = inside.peers.iter_mut().find(|peer| peer.number == self.number) {
-            peer.asking = None;
-        }
+        let peer = inside.peers.iter_mut().find(|peer| peer.number == self.number).ok_or("gave way")?;
+        peer.asking = None;
+        Ok(())
     }
 }
 
@@ -253,14 +259,34 @@ mod tests {
         };
         let slots: Vec<_> = (0..few).map(|_| enter().unwrap()).collect();
         assert!(matches!(peers.enter(&line()), Err(Full::Wait(wait)) if wait <= MOMENT));
-        slots[0].asked();
+        slots[0].asked().unwrap();
         let next = enter().unwrap();
         let numbers: Vec<u64> = peers.inside().peers.iter().map(|peer| peer.number).collect();
         assert_eq!(numbers, [&[0][..], &(2..=few as u64).collect::<Vec<_>>()].concat());
-        slots.iter().chain([&next]).for_each(Slot::asked);
+        assert_eq!(slots[1].asked(), Err("gave way"));
+        slots.iter().chain([&next]).for_each(|slot| _ = slot.asked());
         assert_eq!(enter().unwrap_err(), Full::OfOne);
         drop((slots, next));
         assert!(peers.inside().peers.is_empty());
         assert_eq!(peers.gave_way(), 1);
+    }
+
+    #[test]
+    fn a_peer_of_this_machine_gives_way_to_nobody_from_outside() {
+        let peers = Peers::new(LIMITS);
+        let own = peers.fill("127.0.0.1");
+        let mut inside = peers.inside();
+        let (full, rivals) = inside.full(&LIMITS, "192.168.7.2".parse().unwrap()).unwrap();
+        assert_eq!(full, Full::All);
+        for peer in &mut inside.peers {
+            // As if all of them still asked.
+            peer.asking = Some(
+                TcpStream::connect(TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap()).unwrap(),
+            );
+            peer.since -= MOMENT;
+        }
+        assert_eq!(inside.give_way(full, rivals), Err(Full::All));
+        drop(inside);
+        drop(own);
     }
 }

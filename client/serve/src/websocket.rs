@@ -41,8 +41,10 @@ pub enum Incoming {
     Message(Message),
     /// Nothing to do.
     Nothing,
-    /// The peer ended the connection, or it broke.
+    /// The peer ended the connection.
     Closed,
+    /// The connection broke by itself.
+    Broken,
 }
 
 /// A connection that has been upgraded.
@@ -93,8 +95,8 @@ impl<S: Read + Write> Socket<S> {
             }
             Ok(message @ (Message::Text(_) | Message::Binary(_))) => Ok(Incoming::Message(message)),
             Err(Error::Io(error)) if error.kind() == ErrorKind::QuotaExceeded => Err("too many bytes"),
-            Err(Error::Io(error)) if !waits(&error) => Ok(Incoming::Closed),
-            Err(Error::Protocol(ProtocolError::ResetWithoutClosingHandshake)) => Ok(Incoming::Closed),
+            Err(Error::Io(error)) if !waits(&error) => Ok(Incoming::Broken),
+            Err(Error::Protocol(ProtocolError::ResetWithoutClosingHandshake)) => Ok(Incoming::Broken),
             Err(Error::Capacity(_)) => Err("message too long"),
             Ok(_) | Err(Error::Io(_)) if self.heard.elapsed() <= self.limits.silent => Ok(Incoming::Nothing),
             Ok(_) | Err(Error::Io(_)) => Err("silent"),
@@ -194,6 +196,9 @@ mod tests {
         assert_eq!(end(&mut socket), (Err("message too long"), 0));
         let (peer, mut socket) = pair();
         drop(peer);
+        assert_eq!(end(&mut socket), (Ok(Incoming::Broken), 0));
+        let (mut peer, mut socket) = pair();
+        peer.close(None).unwrap();
         assert_eq!(end(&mut socket), (Ok(Incoming::Closed), 0));
     }
 

@@ -36,8 +36,8 @@ pub struct Options {
     pub packages: Vec<(String, PathBuf)>,
     /// Most capsules per link, for one link or (`None`) for all; the last one counts, 1 without any.
     pub most: Vec<(Option<String>, usize)>,
-    /// How far a mesh may stick out of its capsules \[m\].
-    pub outside_m: f64,
+    /// How far a mesh may stick out of its capsules \[mm\].
+    pub outside_mm: f64,
 }
 
 impl Options {
@@ -120,7 +120,7 @@ pub fn propose(urdf: &Path, options: &Options) -> Result<Vec<Proposal>, ShapesEr
     let search = Search::new(urdf, options.packages.clone());
     let (mut proposals, mut refused) = (Vec::new(), Vec::new());
     for link in &robot.links {
-        match around(link, &search, options.most(&link.name), options.outside_m) {
+        match around(link, &search, options.most(&link.name), options.outside_mm * 1e-3) {
             Ok(proposal) => proposals.extend(proposal),
             Err(why) => refused.extend(why.into_iter().map(|why| format!("link `{}`: {why}", link.name))),
         }
@@ -185,8 +185,7 @@ fn mesh(pose: &Pose, geometry: &Geometry, search: &Search) -> Result<(String, Me
 
 /// The proposals as URDF to paste.
 #[must_use]
-pub fn fragment(proposals: &[Proposal], outside_m: f64) -> String {
-    let outside_mm = outside_m * 1e3;
+pub fn fragment(proposals: &[Proposal], outside_mm: f64) -> String {
     let mut out = format!(
         "<!-- Capsules around meshes, by `foretrace config shapes`. Put each <collision> into its link, in \
          place of the mesh.\n     \

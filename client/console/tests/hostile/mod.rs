@@ -229,7 +229,11 @@ fn the_same_messages_of_the_page_that_controls_reach_the_daemon() {
                         crate::rig::wait_until(|| count.load(Ordering::Acquire) > before);
                     }
                 }
-                std::thread::sleep(Duration::from_millis(300));
+                // As a page does while its button is held: one message alone may come too late.
+                for _ in 0..10 {
+                    page.say(json!({ "hold": [true, monotonic_now_ns() as f64 * 1e-3] }));
+                    std::thread::sleep(Duration::from_millis(30));
+                }
             });
         });
     });

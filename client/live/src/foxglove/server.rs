@@ -205,8 +205,8 @@ impl Server {
             Ok(slot) => slot,
             Err(full) => {
                 self.hub.refuse(full.label());
-                let message = "there are too many viewers: end one of them";
-                return refuse(stream, "503 Service Unavailable", message);
+                let message = format!("{}: end a viewer, or try again", full.label());
+                return refuse(stream, "503 Service Unavailable", &message);
             }
         };
         let (hub, door, orders) = (self.hub.clone(), self.door.clone(), self.orders.clone());
@@ -236,7 +236,11 @@ fn admit(hub: &Hub, door: &Door, stream: TcpStream, slot: &Slot) -> Option<(Mete
             return None;
         }
     };
-    slot.asked();
+    if let Err(reason) = slot.asked() {
+        hub.refuse(reason);
+        refuse(stream, "503 Service Unavailable", reason);
+        return None;
+    }
     let Some(key) = head.socket_key() else {
         hub.refuse("no WebSocket request");
         let message = "this is a WebSocket server for Foxglove and Lichtblick: open its address there";

@@ -125,7 +125,7 @@ impl<'a> Viewer<'a> {
                 Ok(Incoming::Message(Packet::Text(text))) => self.hear(protocol::text(text.as_str())),
                 Ok(Incoming::Message(packet)) => self.hear(protocol::binary(&packet.into_data())),
                 Ok(Incoming::Nothing) => {}
-                Ok(Incoming::Closed) => return None,
+                Ok(Incoming::Closed | Incoming::Broken) => return None,
                 Err(reason) => return Some(reason),
             }
             while let Ok(reply) = self.answers.try_recv() {

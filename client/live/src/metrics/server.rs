@@ -72,6 +72,7 @@ struct Refused {
     no_slot: AtomicU64,
     too_slow: AtomicU64,
     too_long: AtomicU64,
+    incomplete: AtomicU64,
 }
 
 impl Served {
@@ -109,13 +110,16 @@ impl Served {
                         let message = b"ask for GET /metrics\n";
                         http::answer(peer, "400 Bad Request", KIND, message, WHOLE_ANSWER)?;
                     }
-                    // It went away, or gave way.
-                    NoHead::Incomplete => {}
+                    // One that gave way is counted elsewhere.
+                    NoHead::Incomplete if slot.asked().is_err() => {}
+                    NoHead::Incomplete => count(&self.refused.incomplete),
                 }
                 return Ok(());
             }
         };
-        slot.asked();
+        if slot.asked().is_err() {
+            return Ok(());
+        }
         let (status, body) = match (head.method.as_str(), head.path.as_str()) {
             ("GET" | "HEAD", "/metrics") => ("200 OK", self.board.text() + &self.tally()),
             ("GET" | "HEAD", _) => ("404 Not Found", "metrics are at /metrics\n".to_owned()),
@@ -141,6 +145,7 @@ impl Served {
             ("no slot", of(&self.refused.no_slot)),
             ("too slow", of(&self.refused.too_slow)),
             ("too long", of(&self.refused.too_long)),
+            ("incomplete", of(&self.refused.incomplete)),
         ]
         .map(|(reason, count)| {
             format!("foretrace_metrics_peers_refused_total{{reason=\"{reason}\"}} {count}\n")
