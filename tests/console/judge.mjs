@@ -242,7 +242,7 @@ async function pictures(page) {
     return;
   }
   const images = parts.map((bytes) => `<img src="data:image/png;base64,${bytes.toString("base64")}">`);
-  const strip = await (await page.context().browser().newContext({ viewport: { width: 1280, height: 260 } })).newPage();
+  const strip = await (await page.context().browser().newContext({ viewport: { width: 1280, height: 400 } })).newPage();
   await strip.setContent(`<style>body { margin: 0; display: flex; align-items: flex-start; gap: 8px; background: #fff } img { width: 421px }</style>${images.join("")}`);
   await pause(300);
   await strip.locator("body").screenshot({ path: `${PICTURES}/console-strip.png` });
