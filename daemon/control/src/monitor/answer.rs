@@ -32,7 +32,8 @@ const MOST: usize = 2;
 /// reach the first number: spread evenly they come to 19.
 const LASTS: f64 = 16.0;
 const FORGOTTEN: f64 = 100.0;
-/// The first number for an arm that may be behind a speed slider.
+/// The first number while the arm may be behind a speed slider: a block counts less by as much, so that what
+/// was seen before it can be none is not lost.
 const LASTS_SLOW: f64 = 75.0;
 /// Another joint is faster than one that is cut off by this factor on the share of its limit.
 const FASTER: f64 = 1.15;
@@ -46,14 +47,13 @@ const SLOWER: f64 = 0.9;
 pub(super) struct Answers<const J: usize> {
     seen: Stamp,
     far: f64,
-    far_or_slow: f64,
     /// Fastest measured motion lately, as a share of the limit of each joint.
     fastest: [f64; J],
     /// The same of what was expected.
     asked: [f64; J],
 }
 
-state! { [const J: usize] Answers<J> { seen, far, far_or_slow, fastest, asked } }
+state! { [const J: usize] Answers<J> { seen, far, fastest, asked } }
 
 /// What one instant is judged by.
 #[derive(Debug)]
@@ -80,7 +80,7 @@ pub(super) struct Differs {
 
 impl<const J: usize> Answers<J> {
     pub(super) const fn new() -> Self {
-        Self { seen: Stamp(0), far: 0.0, far_or_slow: 0.0, fastest: [0.0; J], asked: [0.0; J] }
+        Self { seen: Stamp(0), far: 0.0, fastest: [0.0; J], asked: [0.0; J] }
     }
 
     /// Whether the instant before that at `stamp` was not seen: the response has just become known.
@@ -102,7 +102,6 @@ impl<const J: usize> Answers<J> {
         self.seen = expected.stamp;
         let keep = (1.0 - blocks / FORGOTTEN).max(0.0);
         self.far *= keep;
-        self.far_or_slow *= keep;
         for (most, now) in [(&mut self.fastest, speeds), (&mut self.asked, &expected.qd)] {
             for (most, (now, limit)) in most.iter_mut().zip(now.iter().zip(limits)) {
                 *most = (*most * keep).max(now.abs() / limit);
@@ -148,14 +147,9 @@ impl<const J: usize> Answers<J> {
         if differing > MOST {
             return None;
         }
-        self.far_or_slow += 1.0;
         let slider = slower && cut_off >= SLIDER && others <= FASTER * cut_off;
-        self.far += f64::from(u8::from(!slider));
-        (self.far >= LASTS || self.far_or_slow >= LASTS_SLOW).then_some(Differs {
-            joint: worst.0,
-            away_m,
-            limit_m,
-        })
+        self.far += if slider { LASTS / LASTS_SLOW } else { 1.0 };
+        (self.far >= LASTS).then_some(Differs { joint: worst.0, away_m, limit_m })
     }
 }
 
