@@ -37,7 +37,7 @@ ROOMS = {
         "certificate", "wire", "keys", "page", "message", "board", "scene", "frame", "hold", "orders", "stops", "hand",
         "link", "session", "server",
     ],
-    "client/ur/src": ["rtde", "primary", "dashboard", "bridge"],
+    "client/ur/src": ["rtde", "primary", "dashboard", "series", "bridge"],
     "client/ur-sim/src": [
         "script", "options", "kinematics", "inverse", "motion", "safety", "inputs", "current", "robot", "names", "machine", "motion_calls",
         "arrival", "world", "outputs", "outbox", "rtde_server", "streams", "dashboard_server", "trouble", "faults", "network", "listen",

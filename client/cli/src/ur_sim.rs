@@ -8,6 +8,7 @@ use std::net::{IpAddr, Ipv4Addr};
 use std::time::{Duration, Instant};
 
 use foretrace_ur::rtde::ControllerVersion;
+use foretrace_ur_sim::options::{MODEL, usual_version};
 use foretrace_ur_sim::{Controller, Options, Series, Service};
 use serde::Serialize;
 
@@ -128,7 +129,7 @@ pub(crate) fn run(args: &UrSimArgs) -> Result<(), Failure> {
         SeriesArg::E => Series::E,
     };
     let mut options = Options {
-        version: args.software.unwrap_or(series.version()),
+        version: args.software.unwrap_or(usual_version(series)),
         bind: args.bind,
         ephemeral_ports: args.ephemeral_ports,
         calibration_error_m: args.calibration_error_mm * 1e-3,
@@ -151,7 +152,7 @@ pub(crate) fn run(args: &UrSimArgs) -> Result<(), Failure> {
         }
     }
     let version = options.version;
-    note!("ur-sim: {} {version}, {} Hz, at {}", series.model(), series.rate_hz(), args.bind);
+    note!("ur-sim: {} {version}, {} Hz, at {}", MODEL, series.rate_hz(), args.bind);
     if args.ephemeral_ports {
         for service in Service::ALL {
             if let Some(address) = controller.address(service) {

@@ -3,7 +3,7 @@
 //! *Source*: dashboard server guides of CB3 and e-Series. PolyScope's files do not exist here: nothing can be
 //! loaded.
 
-use super::options::Series;
+use super::options::{MODEL, Series};
 use super::safety::RobotMode;
 use super::world::{Runtime, World};
 use foretrace_ur::dashboard::SIMULATED;
@@ -67,7 +67,7 @@ pub fn answer(world: &mut World, command: &str) -> Answer {
         "isProgramSaved" => format!("true {name}"),
         "PolyscopeVersion" => format!("URSoftware {version} {SIMULATED}"),
         "version" => version.to_string(),
-        "get robot model" => series.model().to_owned(),
+        "get robot model" => MODEL.to_owned(),
         "get serial number" if since(5, 6) => "20201234567".to_owned(),
         "is in remote control" if since(5, 6) => world.remote.to_string(),
         "get operational mode" if since(5, 6) => "NONE".to_owned(),

@@ -7,49 +7,19 @@ use foretrace_sim::arm::Mechanics;
 
 use foretrace_ur::rtde::ControllerVersion;
 
-/// The series.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Series {
-    /// CB3, software 3.15, 125 Hz, a UR5.
-    Cb3,
-    /// e-Series, software 5.11, 500 Hz, a UR5e.
-    E,
-}
+pub use foretrace_ur::series::Series;
 
-impl Series {
-    /// Control cycle \[s\].
-    #[must_use]
-    pub const fn cycle_s(self) -> f64 {
-        match self {
-            Self::Cb3 => 0.008,
-            Self::E => 0.002,
-        }
-    }
-
-    /// Control rate \[Hz\].
-    #[must_use]
-    pub const fn rate_hz(self) -> u32 {
-        match self {
-            Self::Cb3 => 125,
-            Self::E => 500,
-        }
-    }
-
-    /// Its usual software.
-    #[must_use]
-    pub const fn version(self) -> ControllerVersion {
-        match self {
-            Self::Cb3 => ControllerVersion { major: 3, minor: 15, bugfix: 8, build: 106_339 },
-            Self::E => ControllerVersion { major: 5, minor: 11, bugfix: 1, build: 108_318 },
-        }
-    }
-
-    /// The arm's name on the dashboard.
-    #[must_use]
-    pub const fn model(self) -> &'static str {
-        "UR5"
+/// The usual software of a series.
+#[must_use]
+pub const fn usual_version(series: Series) -> ControllerVersion {
+    match series {
+        Series::Cb3 => ControllerVersion { major: 3, minor: 15, bugfix: 8, build: 106_339 },
+        Series::E => ControllerVersion { major: 5, minor: 11, bugfix: 1, build: 108_318 },
     }
 }
+
+/// The arm's name on the dashboard, of either series.
+pub const MODEL: &str = "UR5";
 
 /// A service behind a port.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -152,7 +122,7 @@ impl Options {
     pub const fn new(series: Series) -> Self {
         Self {
             series,
-            version: series.version(),
+            version: usual_version(series),
             bind: IpAddr::V4(Ipv4Addr::LOCALHOST),
             ephemeral_ports: false,
             q: [PI, -1.3, 1.8, -2.0708, -FRAC_PI_2, 0.0],

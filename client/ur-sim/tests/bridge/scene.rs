@@ -13,7 +13,7 @@ use foretrace_ur::bridge::reaction::Phase;
 use foretrace_ur::bridge::reason::Reason;
 use foretrace_ur::bridge::registers::{Answer, Inputs, Registers};
 use foretrace_ur::rtde::Value;
-use foretrace_ur_sim::options::{Options, Series};
+use foretrace_ur_sim::options::{Options, Series, usual_version};
 use foretrace_ur_sim::outputs::Source;
 use foretrace_ur_sim::world::World;
 
@@ -178,7 +178,7 @@ impl Scene {
     }
 
     fn package(&self) -> Package {
-        let version = self.series.version();
+        let version = usual_version(self.series);
         let read = |name: &str| Source::of(name, (version.major, version.minor)).unwrap().0.read(&self.world);
         let int = |name: &str| read(name).int32().unwrap();
         let six = |name: &str| read(name).vector6d().unwrap();

@@ -6,20 +6,11 @@ use std::net::IpAddr;
 
 use foretrace_client::JOINTS;
 use foretrace_config::Settings;
-use serde::Serialize;
 
 use super::kinematics::Deviation;
 
 pub use crate::rtde::ControllerVersion as Version;
-
-/// A kind of controller that the bridge can drive.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-pub enum Series {
-    /// PolyScope 3.9 or later, 125 Hz.
-    Cb3,
-    /// PolyScope 5.3 or later, 500 Hz.
-    E,
-}
+pub use crate::series::Series;
 
 /// Why the bridge does not begin.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -135,28 +126,10 @@ impl Series {
         }
     }
 
-    /// Cycles per second.
-    #[must_use]
-    pub const fn rate_hz(self) -> u32 {
-        match self {
-            Self::Cb3 => 125,
-            Self::E => 500,
-        }
-    }
-
     /// Whether the dashboard of this version tells remote from local control (e-Series from 5.6).
     #[must_use]
     pub const fn tells_remote_control(self, version: Version) -> bool {
         matches!(self, Self::E) && version.minor >= 6
-    }
-}
-
-impl std::fmt::Display for Series {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(match self {
-            Self::Cb3 => "CB3",
-            Self::E => "e-Series",
-        })
     }
 }
 
