@@ -343,6 +343,9 @@ fn admit(board: &Arc<Board>, door: &Door, mut stream: Wire, slot: &Slot, peer: S
     if let Err(reason) = slot.asked() {
         return refuse(&mut stream, "503 Service Unavailable", reason);
     }
+    if head.minor_version != 1 {
+        return refuse(&mut stream, "505 HTTP Version Not Supported", "malformed request");
+    }
     if !head.only("host").is_some_and(|host| door.guard.is_host(host)) {
         return refuse(&mut stream, "403 Forbidden", "foreign host");
     }

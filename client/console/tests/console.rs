@@ -27,6 +27,8 @@ fn the_page_is_served_to_this_machine_and_to_no_other_name() {
     assert!(foreign.starts_with("HTTP/1.1 403") && foreign.contains("foreign host"), "{foreign}");
     let posted = rig.request(&format!("POST / HTTP/1.1\r\nHost: {}\r\n\r\n", rig.at));
     assert!(posted.starts_with("HTTP/1.1 405"), "{posted}");
+    let old = rig.request(&format!("GET / HTTP/1.0\r\nHost: {}\r\n\r\n", rig.at));
+    assert!(old.starts_with("HTTP/1.1 505"), "{old}");
     for origin in ["http://evil.example", "null", "https://localhost"] {
         assert!(rig.page_from(origin).is_err(), "{origin}");
     }

@@ -169,4 +169,15 @@ mod tests {
         frames.fill(&mut std::io::repeat(0), 3 * CHUNK_BYTES - 1).unwrap();
         assert_eq!(frames.pending(), 3 * CHUNK_BYTES);
     }
+
+    #[test]
+    fn random_bytes_end_at_the_first_length() {
+        let mut dice = Dice(99);
+        for _ in 0..10_000 {
+            let bytes: Vec<u8> = (0..1 + dice.below(300)).map(|_| dice.below(256) as u8).collect();
+            let mut frames = Frames::new(48..=48);
+            frames.read_once(&mut bytes.as_slice(), 4096).unwrap();
+            assert_eq!(frames.next_frame().is_err(), bytes.len() >= LENGTH_BYTES, "{bytes:?}");
+        }
+    }
 }

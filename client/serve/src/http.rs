@@ -36,7 +36,7 @@ pub struct Head {
     /// What follows the question mark.
     pub query: String,
     /// 0 or 1, of HTTP/1.
-    minor_version: u8,
+    pub minor_version: u8,
     /// Names in lower case.
     headers: Vec<(String, String)>,
 }

@@ -19,7 +19,9 @@ fn started<T>(
     let mut process = scene.world.start(0, words);
     let done = until(&format!("`{}` stays", words.join(" ")), || {
         if let Some((status, text)) = process.ended() {
-            let passing = ["in use", "no daemon running"].iter().any(|words| text.contains(words));
+            let passing = ["slots are in use", "slot is in use", "no daemon running"]
+                .iter()
+                .any(|words| text.contains(words));
             assert!(passing && !text.contains("panicked"), "{status}: {text}");
             process = scene.world.start(0, words);
         }

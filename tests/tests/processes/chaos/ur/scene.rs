@@ -126,7 +126,7 @@ impl Scene {
                 self.player = Some(self.world.start(0, &PLAY));
             }
             if let Some((status, text)) = self.bridge.as_mut().and_then(Process::ended) {
-                let passing = ["in use", "no daemon running", "another program"];
+                let passing = ["slots are in use", "slot is in use", "no daemon running", "another program"];
                 assert!(passing.iter().any(|words| text.contains(words)), "{status}: {text}");
                 self.start_bridge();
             }
