@@ -8,9 +8,6 @@ use crate::PROGRAM;
 /// Home of the preset with the base turned by a radian: half a metre beside the paper.
 const TURNED: &str = "--from=2.1416,-1.3,1.8,-2.0708,-1.5708,0.0";
 
-/// A busy machine starves the simulated arm, which has no rights, for longer than the preset's 50 ms.
-const PATIENT: [&str; 2] = ["--set", "safety.joint_state_timeout_ms=500"];
-
 /// The arm's joint states have arrived.
 fn heard(world: &World) {
     until("the daemon hears the arm", || {
@@ -31,7 +28,7 @@ fn underway(world: &World, share: f64) -> Process {
 #[test]
 fn an_arm_far_away_comes_home_through_a_stop_and_a_killed_daemon() {
     let world = World::new(PROGRAM);
-    let daemon = world.daemon_with(0, &PATIENT);
+    let daemon = world.daemon(0);
     let report = world.file("arm.json");
     let file = report.display().to_string();
     let arm = world.start(0, &["arm", "sim", TURNED, "--json", &file]);
@@ -53,7 +50,7 @@ fn an_arm_far_away_comes_home_through_a_stop_and_a_killed_daemon() {
     let _ = daemon.kill();
     let output = mover.output();
     assert!(!output.status.success(), "{}", told(&output));
-    let daemon = world.daemon_with(0, &PATIENT);
+    let daemon = world.daemon(0);
     heard(&world);
     let left = world.status(0)["way_home"]["farthest_rad"].as_f64();
     assert!(left > Some(0.05) && left < stopped, "it braked by itself: {left:?}");

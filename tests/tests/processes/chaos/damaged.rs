@@ -83,7 +83,8 @@ fn status_and_requests_end_whatever_a_segment_holds() {
     }
     assert!(cases > 60, "{cases}");
     // Nobody else noticed.
-    assert_eq!(world.status(0)["mode"], "following");
+    let status = world.status(0);
+    assert_eq!(status["mode"], "following", "{status}");
     pen.end();
     arm.end();
     daemon.end();

@@ -2,7 +2,7 @@
 
 use foretrace_tests::{Process, World, until};
 
-use super::scene::{PATIENT, PLAY, assert_nothing_left, say};
+use super::scene::{PLAY, assert_nothing_left, say};
 use crate::PROGRAM;
 
 /// Waits until the loop follows; a machine so busy that a stop latched meanwhile arms once more.
@@ -20,7 +20,7 @@ fn follows(world: &World, arm: &mut Process) {
 fn nothing_stays_behind_whoever_leaves_last() {
     for order in [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]] {
         let world = World::new(PROGRAM);
-        let daemon = world.daemon_with(0, &PATIENT);
+        let daemon = world.daemon(0);
         let mut arm = world.start(0, &["arm", "sim"]);
         let player = world.start(0, &PLAY);
         world.arm(0, &mut arm);
@@ -38,7 +38,7 @@ fn nothing_stays_behind_whoever_leaves_last() {
 fn nothing_stays_behind_when_all_leave_at_once() {
     for _ in 0..3 {
         let world = World::new(PROGRAM);
-        let daemon = world.daemon_with(0, &PATIENT);
+        let daemon = world.daemon(0);
         let mut arm = world.start(0, &["arm", "sim"]);
         let player = world.start(0, &PLAY);
         world.arm(0, &mut arm);

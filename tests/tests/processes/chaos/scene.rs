@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use foretrace_client::{Mode, monotonic_now_ns};
 use foretrace_shm::{JointCommand, Message};
-use foretrace_tests::{Process, World, json, told, until};
+use foretrace_tests::{PATIENT, Process, World, json, told, until};
 use serde_json::Value;
 
 use crate::PROGRAM;
@@ -100,10 +100,6 @@ impl Drop for Scene {
         }
     }
 }
-
-/// A busy machine starves the simulated arm, which has no rights, for longer than the preset's 50 ms. The
-/// stop that this rightly latches is not what the tests are about.
-pub(crate) const PATIENT: [&str; 2] = ["--set", "safety.joint_state_timeout_ms=500"];
 
 /// Joint states older than this arm nothing, whatever the patience with an arm in charge: three cycles of 8
 /// ms, and room \[ms\].

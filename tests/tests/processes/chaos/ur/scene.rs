@@ -6,12 +6,12 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicU8, Ordering};
 use std::time::{Duration, Instant};
 
-use foretrace_tests::{Process, World, told, until};
+use foretrace_tests::{PATIENT, Process, World, told, until};
 
 use super::relay::relay;
 use super::watcher::Watcher;
 use crate::PROGRAM;
-use crate::chaos::scene::{PATIENT, PLAY};
+use crate::chaos::scene::PLAY;
 
 /// Commands live as long as the way to a CB3 takes.
 const VALID: [&str; 2] = ["--set", "loop.valid_periods=12"];
