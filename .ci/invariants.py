@@ -16,7 +16,7 @@ UNSAFE_FILES = {"daemon/src/rt/os.rs", "daemon/src/alloc_count.rs", "shm-schema/
 ROOMS = {
     "shm-schema/src": ["os", "wire", "instance", "transport"],
     "daemon/control/src": [
-        "state", "units", "plane", "geometry", "stop", "pen", "predict", "learn", "skill", "trust", "reference", "arm", "qp", "mpc",
+        "state", "history", "units", "plane", "geometry", "stop", "pen", "predict", "learn", "estimate", "trust", "reference", "arm", "qp", "mpc",
         "envelope", "clearance", "ik", "guard", "monitor", "contact", "follower", "ghost", "extent",
     ],
     "daemon/src": [
@@ -27,19 +27,24 @@ ROOMS = {
         "proto", "topics", "scene", "write", "read", "table", "pen", "repair", "info", "figures", "explain", "law", "replay", "modelled",
         "stretch", "score", "what_if", "picture", "page",
     ],
-    "client/live/src": ["source", "relay", "recorder", "trace", "flight", "last_flight", "stages", "metrics", "foxglove"],
+    "client/live/src": ["source", "news", "relay", "recorder", "record_button", "trace", "flight", "last_flight", "stages", "metrics", "foxglove"],
     "client/doctor/src": [
         "bounded", "machine", "finding", "kernel", "rights", "cpu", "load", "memory", "leftovers", "rehearsal", "torque", "robot",
     ],
+    "client/report/src": ["failures", "extent", "ghost", "stopped", "status", "run"],
+    "client/arm/src": [
+        "priority", "ports", "refused", "judge", "intake", "agreement", "joint_log", "report", "guide", "sim", "ur",
+    ],
+    "client/calibrate/src": ["motion", "same_tool", "listener", "lag_report", "picture", "lag", "plane"],
     "client/gateway/src": ["holder", "socket", "tally", "serve"],
     "client/serve/src": ["peers", "metered", "http", "guard", "websocket", "frames", "admission"],
     "client/console/src": [
         "certificate", "wire", "keys", "page", "message", "board", "scene", "frame", "hold", "orders", "stops", "hand",
-        "link", "session", "server",
+        "link", "session", "server", "lan",
     ],
     "client/ur/src": ["rtde", "primary", "dashboard", "series", "bridge"],
     "client/ur-sim/src": [
-        "script", "options", "kinematics", "inverse", "motion", "safety", "inputs", "current", "robot", "names", "machine", "motion_calls",
+        "pose", "script", "options", "kinematics", "inverse", "motion", "safety", "inputs", "current", "robot", "names", "machine", "motion_calls",
         "arrival", "world", "outputs", "outbox", "rtde_server", "streams", "dashboard_server", "trouble", "faults", "network", "listen",
         "control", "echo",
     ],
@@ -47,7 +52,7 @@ ROOMS = {
 # Columns of a line of Rust, and the files whose long lines are data: strokes, style sheets, the documents' snippets.
 WIDTH = 110
 LONG_LINES = {
-    "client/sim/src/writer/glyphs.rs", "client/sim/src/plot/page/sheet.rs",
+    "client/sim/src/writer/glyphs.rs", "client/sim/src/plot/sheet.rs",
     "tests/tests/processes/snippets.rs",
 }
 # 400 lines are the sign that a file may be about two things; more than this is refused.
@@ -97,18 +102,30 @@ def layers_point_downwards() -> None:
         "foretraced": {"foretrace-shm", "foretrace-config", "foretrace-control"},
         "foretrace-client": {"foretrace-shm"},
         "foretrace-serve": {"foretrace-shm"},
-        "foretrace-gateway": {"foretrace-serve", "foretrace-shm"},
+        "foretrace-failure": set(),
+        "foretrace-gateway": {"foretrace-failure", "foretrace-serve", "foretrace-shm"},
         "foretrace-shapes": {"foretrace-config", "foretrace-control"},
-        "foretrace-sim": {"foretrace-config", "foretrace-control"},
-        "foretrace-tablet": {"foretrace-client"},
-        "foretrace-console": {"foretrace-client", "foretrace-serve", "foretrace-config", "foretrace-control"},
+        "foretrace-sim": {"foretrace-failure", "foretrace-config", "foretrace-control"},
+        "foretrace-tablet": {"foretrace-failure", "foretrace-client", "foretrace-config"},
+        "foretrace-console": {"foretrace-failure", "foretrace-client", "foretrace-serve", "foretrace-config", "foretrace-control"},
         "foretrace-ur": {"foretrace-config", "foretrace-control", "foretrace-client"},
         "foretrace-ur-sim": {"foretrace-config", "foretrace-control", "foretrace-sim", "foretrace-ur"},
         "foretrace-record": {"foretrace-shm", "foretrace-config", "foretrace-control", "foretraced", "foretrace-sim"},
-        "foretrace-live": {"foretrace-shm", "foretrace-client", "foretrace-serve", "foretrace-sim", "foretrace-record"},
-        "foretrace-calibrate": {"foretrace-config", "foretrace-control", "foretrace-sim"},
-        "foretrace-doctor": {"foretrace-shm", "foretrace-client", "foretrace-config", "foretraced", "foretrace-sim", "foretrace-ur"},
-        "foretrace-lab": {"foretrace-config", "foretrace-control", "foretrace-sim"},
+        "foretrace-live": {"foretrace-shm", "foretrace-client", "foretrace-serve", "foretrace-control", "foretrace-sim", "foretrace-record"},
+        "foretrace-report": {
+            "foretrace-failure", "foretrace-shm", "foretrace-client", "foretrace-config", "foretrace-control", "foretrace-sim", "foretrace-record",
+            "foretrace-live",
+        },
+        "foretrace-arm": {
+            "foretrace-failure", "foretrace-shm", "foretrace-client", "foretrace-config", "foretrace-control", "foretraced", "foretrace-sim",
+            "foretrace-ur", "foretrace-report",
+        },
+        "foretrace-bench": {"foretrace-failure", "foretrace-config", "foretrace-control", "foretrace-sim"},
+        "foretrace-calibrate": {
+            "foretrace-failure", "foretrace-client", "foretrace-config", "foretrace-control", "foretraced", "foretrace-sim", "foretrace-report",
+        },
+        "foretrace-doctor": {"foretrace-failure", "foretrace-shm", "foretrace-client", "foretrace-config", "foretraced", "foretrace-sim", "foretrace-ur"},
+        "foretrace-lab": {"foretrace-failure", "foretrace-config", "foretrace-control", "foretrace-sim"},
     }
     for package in json.loads(cargo("metadata", "--format-version", "1", "--no-deps"))["packages"]:
         wanted = {d["name"] for d in package["dependencies"] if d["kind"] is None and d["name"].startswith("foretrace")}

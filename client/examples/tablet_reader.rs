@@ -12,7 +12,8 @@ use std::io::{BufRead, Read};
 use std::process::ExitCode;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-use foretrace_client::{FeedError, Foretrace, Instance, PenFeed, PenReading, monotonic_now_ns, pen_flags};
+use foretrace_client::wire::pen_flags;
+use foretrace_client::{FeedError, Foretrace, Instance, PenFeed, PenReading, monotonic_now_ns};
 
 // Numbers of linux/input-event-codes.h.
 const EV_SYN: u16 = 0;

@@ -32,7 +32,7 @@ pub struct JointStates {
     publisher: Publisher<JointState>,
     notes: Publisher<ArmNote>,
     /// The note in force.
-    said: Option<ArmNote>,
+    note: Option<ArmNote>,
     /// When it is sent again, for a daemon that came later.
     repeat_ns: u64,
     _leaving: Arc<Leaving>,
@@ -45,7 +45,7 @@ pub enum Demand {
     Follow {
         /// q + q̇·(now − stamp).
         q: [f64; JOINTS],
-        /// q̇.
+        /// q̇, the same until the command is over.
         qd: [f64; JOINTS],
     },
     /// The command is too old, or the arm is not enabled: brake to a stand and stay.
@@ -76,7 +76,7 @@ impl Foretrace {
     ///
     /// # Errors
     ///
-    /// `NoPlace`, `BufferSize`.
+    /// `NoSlot` when all slots for receivers of commands are in use; `BufferSize`.
     pub fn commands(&self, buffer: usize) -> Result<Commands, ServiceError> {
         let subscriber = self.services.joint_cmd.subscriber(buffer, BOUNDS)?;
         Ok(Commands { subscriber, newest: None, taken_ns: 0, _leaving: self.leaving.clone() })
@@ -86,12 +86,12 @@ impl Foretrace {
     ///
     /// # Errors
     ///
-    /// `NoPlace` when another arm reports already.
+    /// `NoSlot` when another arm reports already.
     pub fn joint_states(&self) -> Result<JointStates, ServiceError> {
         Ok(JointStates {
             publisher: self.services.joint_state.publisher()?,
             notes: self.services.arm_note.publisher()?,
-            said: None,
+            note: None,
             repeat_ns: 0,
             _leaving: self.leaving.clone(),
         })
@@ -99,7 +99,7 @@ impl Foretrace {
 }
 
 impl Commands {
-    /// The largest buffer.
+    /// The largest buffer that can be asked for.
     pub const MAX_BUFFER: usize = JointCommand::QOS.buffer;
 
     /// The newest command ever received, unread or not. Does not allocate once connected.
@@ -160,7 +160,7 @@ impl Commands {
 
 /// Why a joint state was not sent.
 #[derive(Clone, Copy, PartialEq, Eq, thiserror::Error)]
-pub enum StateError {
+pub enum JointStateError {
     /// The daemon would refuse it.
     #[error("the joint state is invalid: {0}")]
     Invalid(#[from] Rejection),
@@ -172,28 +172,28 @@ pub enum StateError {
 impl JointStates {
     /// From the next joint state on, `text` is why the arm does not follow, and `to_do` what an operator can
     /// do about it; both are cut after 192 bytes and shown to every operator. Does nothing where that is
-    /// said already.
+    /// the note already.
     pub fn say(&mut self, text: &str, to_do: &str) {
         let words = NoteWords::new(text, to_do);
-        if self.said.as_ref().is_some_and(|said| said.words == words) {
+        if self.note.as_ref().is_some_and(|note| note.words == words) {
             return;
         }
         let now_ns = monotonic_now_ns();
         // Another one than the last, also of a process that was there before.
         let drawn = (now_ns / 1000) as u32 | 1;
-        let number = self.said.as_ref().map_or(drawn, |said| said.number.wrapping_add(2));
-        self.said = Some(ArmNote { since_ns: now_ns, number, words, ..ArmNote::default() });
+        let number = self.note.as_ref().map_or(drawn, |note| note.number.wrapping_add(2));
+        self.note = Some(ArmNote { since_ns: now_ns, number, words, ..ArmNote::default() });
         self.repeat(now_ns);
     }
 
     /// Nothing keeps the arm from following any more.
     pub fn say_nothing(&mut self) {
-        self.said = None;
+        self.note = None;
     }
 
     /// Sends the note; one that gets lost is sent again with a later state.
     fn repeat(&mut self, now_ns: u64) {
-        if let Some(note) = self.said {
+        if let Some(note) = self.note {
             let _ = self.notes.publish(now_ns, note);
             self.repeat_ns = now_ns.saturating_add(REPEAT_NS);
         }
@@ -205,11 +205,11 @@ impl JointStates {
     ///
     /// # Errors
     ///
-    /// See [`StateError`]; nothing is sent then.
-    pub fn publish(&mut self, stamp_ns: u64, mut state: JointState) -> Result<bool, StateError> {
+    /// See [`JointStateError`]; nothing is sent then.
+    pub fn publish(&mut self, stamp_ns: u64, mut state: JointState) -> Result<bool, JointStateError> {
         state.validate()?;
         let now_ns = monotonic_now_ns();
-        state.note = self.said.as_ref().map_or(0, |said| said.number);
+        state.note = self.note.as_ref().map_or(0, |note| note.number);
         if now_ns >= self.repeat_ns {
             self.repeat(now_ns);
         }

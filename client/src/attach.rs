@@ -94,7 +94,7 @@ impl Foretrace {
     ///
     /// # Errors
     ///
-    /// As [`Foretrace::attach`]; only `NoDaemon` is waited for. Damaged files are told within seconds.
+    /// As [`Foretrace::attach`]; only `NoDaemon` is waited for. Damaged files are reported within seconds.
     pub fn attach_within(instance: &Instance, wait: Duration) -> Result<Self, ServiceError> {
         let deadline = Instant::now() + wait;
         loop {
@@ -105,7 +105,7 @@ impl Foretrace {
         }
     }
 
-    /// The instance.
+    /// The instance that this is attached to.
     pub fn instance(&self) -> &Instance {
         self.session.instance()
     }

@@ -13,7 +13,7 @@ use crate::PenReading;
 
 /// The gateway answers at once; only one that hangs takes longer.
 const PATIENCE: Duration = Duration::from_secs(2);
-/// Longest line that the gateway says \[bytes\].
+/// Longest line of the gateway \[bytes\].
 const LINE_LIMIT: u64 = 4096;
 
 /// Why readings cannot go through the gateway.
@@ -23,9 +23,9 @@ pub enum GatewayError {
     #[error("{}: {source}: is `foretrace gateway` running, and may this user write to its \
              socket?", path.display())]
     Unreachable {
-        /// The socket.
+        /// The socket that was tried.
         path: PathBuf,
-        /// The system's error.
+        /// The system's reason for it.
         source: io::Error,
     },
     /// The gateway refused this client, with its reason.

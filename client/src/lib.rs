@@ -1,47 +1,54 @@
 //! Attach to a running foretrace: feed pen samples, read commands, telemetry and status, send requests.
 //!
-//! Contract: attaching succeeds only where a daemon of the same message layout is up; every error says what
-//! to do. Handles are made by [`Foretrace`] and stay in the thread that made them (the middleware's ports are
-//! not `Send`); [`Foretrace`] itself may be shared, so each thread makes its own. No threads but for calls
-//! that damaged shared memory could make hang, no logging, no settings file.
+#![doc = include_str!("../README.md")]
 //!
-//! ```no_run
-//! use foretrace_client::{Foretrace, PenReading, monotonic_now_ns};
+//! # Contract
 //!
-//! let foretrace = Foretrace::attach(0)?;
-//! let mut pen = foretrace.pen_feed()?;
-//! let now = monotonic_now_ns();
-//! pen.send(PenReading { device_stamp_ns: now, x_m: 0.1, y_m: 0.05, contact: true, ..Default::default() })?;
-//! # Ok::<(), Box<dyn std::error::Error>>(())
-//! ```
+//! Attaching succeeds only where a daemon of the same message layout is up; every error says what to do.
+//! Handles are made by [`Foretrace`] and are not `Send`, as the middleware's ports are not; [`Requests`] and
+//! [`Foretrace`] itself are.
 
 #![warn(missing_docs)]
 #![forbid(unsafe_code)]
 
 mod attach;
-pub use attach::*;
+mod lookout;
 mod seat;
 mod pen;
-pub use pen::*;
 mod gateway;
-pub use gateway::*;
 mod arm;
-pub use arm::*;
 mod watch;
-pub use watch::*;
 mod operate;
-pub use operate::*;
 mod stop;
-pub use stop::*;
+pub mod instance;
+pub mod wire;
 
-foretrace_shm::debug_as_display!(FeedError, DeadManError, StopError, StateError, RequestError, GatewayError);
+pub use arm::{Commands, Demand, JointStateError, JointStates, demand_at};
+pub use attach::{Attachment, Foretrace};
+pub use gateway::{GatewayError, GatewayFeed};
+pub use lookout::{DaemonChange, Lasting, Lookout};
+pub use operate::{DeadMan, DeadManError, RequestError, Requests};
+pub use pen::{FeedError, PenFeed, PenReading};
+pub use stop::{StopError, Stopped, stop};
+pub use watch::{InputWatch, JointWatch, MessageWatch, PenWatch, StatusReader, Telemetry};
 
-pub use foretrace_shm::{
-    ArmLag, ArmLine, ArmNote, AskError, Chain, Claimant, ControlOp, ControlResponse, ControlStatus, Counters,
-    DaemonMark, EffortUnit, Enable, FaultReason, GhostState, HeaderBounds, Holder, HolderKind, Instance,
-    InstanceError, JOINTS, JointCommand, JointState, LATENCY_BINS, Latency, Mode, NoteWords, ORDER_AHEAD_NS,
-    PenSample, Percentiles, Place, PlaceError, PredictorName, PublishError, Refused, RejectField,
-    RejectReason, Rejection, Rejections, RobotMode, Rung, SafetyMode, ServiceError, SolverPath, Stage,
-    Status, StopCause, StopDetail, TickRecord, ToolExtent, Tracking, TrustReason, Validate, WayHome,
-    arm_flags, command_flags, guard_mask, health, host_boot_id, missing_rights, monotonic_now_ns, pen_flags,
+#[doc(inline)]
+pub use wire::{
+    JOINTS, JointCommand, JointState, Mode, PenSample, RobotMode, SafetyMode, Stage, Status, TickRecord,
 };
+
+// Instances, who holds what in them, and why they cannot be used.
+#[doc(inline)]
+pub use foretrace_shm::{
+    AskError, Claimant, DaemonMark, Holder, HolderKind, Instance, InstanceError, Place, PlaceError,
+    PublishError, ServiceError, SignalError, host_boot_id, monotonic_now_ns,
+};
+
+foretrace_shm::debug_as_display!(
+    FeedError,
+    DeadManError,
+    StopError,
+    JointStateError,
+    RequestError,
+    GatewayError
+);

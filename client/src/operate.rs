@@ -21,7 +21,7 @@ pub enum RequestError {
     /// No usable answer.
     #[error("{0}")]
     NoAnswer(#[from] AskError),
-    /// No place to ask from became free in time, or the middleware refuses one.
+    /// No operator slot became free in time, or the middleware refuses one.
     #[error("{0}")]
     NotConnected(String),
     /// The daemon refused, for this reason.
@@ -29,7 +29,7 @@ pub enum RequestError {
     Refused {
         /// The kind of refusal.
         status: ControlStatus,
-        /// The daemon's reason.
+        /// The daemon's reason and remedy, as text.
         message: String,
         /// A number that belongs to it, such as the joint.
         detail: u32,
@@ -38,10 +38,10 @@ pub enum RequestError {
     },
 }
 
-/// Pause before a free place is looked for again.
+/// Pause before a free slot is looked for again.
 const POLL: Duration = Duration::from_millis(5);
 
-/// Sends requests and waits for their answers. Holds one of the four places for operators only while it asks,
+/// Sends requests and waits for their answers. Holds one of the four operator slots only while it asks,
 /// so that idle or frozen programs do not block others.
 #[derive(Debug)]
 pub struct Requests {
@@ -52,7 +52,7 @@ pub struct Requests {
 }
 
 /// The dead-man switch. Beat at least every [`DeadMan::INTERVAL`]; silence stops the arm. Gives way to
-/// whoever asks for its place, which stops the arm as well.
+/// whoever asks for the switch, which stops the arm as well.
 #[derive(Debug)]
 pub struct DeadMan(Seat<Enable>);
 
@@ -62,19 +62,16 @@ pub enum DeadManError {
     /// It could not be delivered.
     #[error("the dead-man signal was not sent: {0}")]
     NotSent(#[from] PublishError),
-    /// Somebody asked for the switch and has it; [`DeadMan::handed_to`] tells who.
+    /// Somebody asked for the switch and has it; [`DeadMan::handed_to`] says who.
     #[error("the dead-man switch was handed to a program that asked for it (--take-over): end this one")]
     HandedOver,
 }
 
 impl Foretrace {
-    /// The requests.
-    ///
-    /// # Errors
-    ///
-    /// None today.
-    pub fn requests(&self) -> Result<Requests, ServiceError> {
-        Ok(Requests { topic: self.services.control.clone(), decided_ns: 0, _leaving: self.leaving.clone() })
+    /// The requests, to be used in any thread.
+    #[must_use]
+    pub fn requests(&self) -> Requests {
+        Requests { topic: self.services.control.clone(), decided_ns: 0, _leaving: self.leaving.clone() }
     }
 
     /// The dead-man, to be used in this thread. One per instance at a time. Held in the name of this program.
@@ -109,7 +106,7 @@ impl Foretrace {
 }
 
 /// All requests wait up to `timeout`, also where shared memory is so damaged that calls into it hang, and
-/// fail as [`RequestError`] tells.
+/// fail with a [`RequestError`].
 impl Requests {
     /// Sets when the operator decided what is asked from here on \[ns, monotonic clock\]: the
     /// daemon refuses to arm if a stop came since then. Of everything but `stop`, `disarm` and `query` a
@@ -219,7 +216,7 @@ fn bounded(
     let asking = move || {
         let client = loop {
             match topic.client() {
-                Err(ServiceError::NoOperatorPlace { .. }) if Instant::now() < deadline => {
+                Err(ServiceError::NoOperatorSlot { .. }) if Instant::now() < deadline => {
                     std::thread::sleep(POLL);
                 }
                 client => break client,
@@ -276,7 +273,7 @@ impl DeadMan {
         self.send(1)
     }
 
-    /// Gives way to whoever asks, and tells who has the switch since then. Every signal sent does the same:
+    /// Gives way to whoever asks, and returns who has the switch since then. Every signal sent does the same:
     /// call it while nothing is sent.
     pub fn handed_to(&mut self) -> Option<&Holder> {
         self.give_way_if_asked(monotonic_now_ns());

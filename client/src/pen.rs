@@ -21,9 +21,9 @@ pub struct PenReading {
     pub y_m: f64,
     /// The pen touches the surface.
     pub contact: bool,
-    /// Pressure from 0 to 1, if the device tells.
+    /// Pressure from 0 to 1, if the device reports it.
     pub pressure: Option<f32>,
-    /// Tilt towards x and y from the plane's normal \[rad\], if the device tells.
+    /// Tilt towards x and y from the plane's normal \[rad\], if the device reports it.
     pub tilt_rad: Option<[f32; 2]>,
     /// Further [`pen_flags`]; `CONTACT` and `IN_RANGE` are set from `contact`.
     pub more_flags: u32,
@@ -56,12 +56,12 @@ pub enum FeedError {
     /// It could not be delivered.
     #[error("the pen reading was not sent: {0}")]
     NotSent(#[from] PublishError),
-    /// Somebody asked for the pen and has it; [`PenFeed::handed_to`] tells who.
+    /// Somebody asked for the pen and has it; [`PenFeed::handed_to`] says who.
     #[error("the pen was handed to a program that asked for it (--take-over): end this one")]
     HandedOver,
 }
 
-/// Sends pen readings. One per instance at a time; gives way to whoever asks for its place.
+/// Sends pen readings. One per instance at a time; gives way to whoever asks for the pen.
 #[derive(Debug)]
 pub struct PenFeed(Seat<PenSample>);
 
@@ -120,7 +120,7 @@ impl PenFeed {
         Ok(publisher.publish(now_ns, sample)? > 0)
     }
 
-    /// Gives way to whoever asks, and tells who has the pen since then. Every reading sent does the same:
+    /// Gives way to whoever asks, and returns who has the pen since then. Every reading sent does the same:
     /// call it while nothing is sent.
     pub fn handed_to(&mut self) -> Option<&Holder> {
         self.0.give_way_if_asked(monotonic_now_ns());
@@ -130,10 +130,5 @@ impl PenFeed {
     /// Readings sent so far.
     pub fn sent(&self) -> u64 {
         self.0.sent()
-    }
-
-    /// Whether anybody listens at this moment.
-    pub fn is_heard(&self) -> bool {
-        self.0.is_heard()
     }
 }

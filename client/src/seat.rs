@@ -1,4 +1,4 @@
-//! A publisher of which an instance has one, with the claim on its place.
+//! A publisher of which an instance has one, with the claim on its role.
 
 use std::sync::Arc;
 
@@ -6,10 +6,10 @@ use foretrace_shm::{Claim, Holder, Message, Publisher, ServiceError, Topic};
 
 use crate::attach::Leaving;
 
-/// The publisher, until somebody asked for its place.
+/// The publisher, until somebody asked for its role.
 #[derive(Debug)]
 pub(crate) struct Seat<T: Message> {
-    // In the order in which they must be dropped: the place is free when its publisher is gone.
+    // In the order in which they must be dropped: the role is free when its publisher is gone.
     held: Option<(Publisher<T>, Claim)>,
     handed_to: Option<Holder>,
     sent: u64,
@@ -22,17 +22,17 @@ impl<T: Message> Seat<T> {
         Ok(Self { held: Some((publisher, claim)), handed_to: None, sent: 0, _leaving: leaving })
     }
 
-    /// The publisher; none once the place was handed over.
+    /// The publisher; none once the role was handed over.
     pub(crate) fn publisher(&mut self) -> Option<&mut Publisher<T>> {
         self.held.as_mut().map(|(publisher, _)| publisher)
     }
 
-    /// Who asks for the place at `now_ns`; looks at most ten times per second.
+    /// Who asks for the role at `now_ns`; looks at most ten times per second.
     pub(crate) fn asked(&mut self, now_ns: u64) -> Option<Holder> {
         self.held.as_mut().and_then(|(_, claim)| claim.asked(now_ns))
     }
 
-    /// Hands the place over.
+    /// Drops the publisher, so that `asker` gets the role.
     pub(crate) fn hand_to(&mut self, asker: Holder) {
         self.sent = self.sent();
         self.held = None;
@@ -52,9 +52,5 @@ impl<T: Message> Seat<T> {
     /// Messages sent so far.
     pub(crate) fn sent(&self) -> u64 {
         self.held.as_ref().map_or(self.sent, |(publisher, _)| publisher.sequence())
-    }
-
-    pub(crate) fn is_heard(&self) -> bool {
-        self.held.as_ref().is_some_and(|(publisher, _)| publisher.subscribers() > 0)
     }
 }

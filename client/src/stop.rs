@@ -1,4 +1,4 @@
-//! `stop`: stops the arm with nothing but the run directory: no attachment, no shared memory, no place.
+//! `stop`: stops the arm with nothing but the run directory: no attachment, no shared memory, no free slot.
 
 use std::hash::{BuildHasher, RandomState};
 use std::io::ErrorKind;
@@ -18,14 +18,14 @@ const AGAIN: Duration = Duration::from_millis(2);
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Stopped {
     /// The mode after that tick: `Stopped` or `Fault` where the arm was in charge, else `Idle`. None: it was
-    /// taken as a signal, and nothing of the daemon but its loop runs that could tell the mode.
+    /// taken as a signal, and nothing of the daemon but its loop runs that could report the mode.
     pub mode: Option<Mode>,
     /// Trust in that tick; none as above.
     pub trust: Option<f64>,
 }
 
 impl Stopped {
-    /// The mode for people.
+    /// The mode as text.
     #[must_use]
     pub fn words(&self) -> &'static str {
         self.mode.map_or("not told: taken as a signal", Mode::label)
@@ -62,7 +62,7 @@ pub enum StopError {
         waited.as_millis()
     )]
     Unconfirmed {
-        /// The daemon.
+        /// The process of the daemon.
         pid: u32,
         /// How long it was waited for.
         waited: Duration,
@@ -70,7 +70,7 @@ pub enum StopError {
     /// Neither way works.
     #[error("the daemon cannot be reached: its stop socket: {socket}; {signal}")]
     Unreachable {
-        /// What the socket said.
+        /// The error of the socket.
         socket: String,
         /// Why no signal was sent.
         signal: SignalError,
@@ -81,7 +81,7 @@ pub enum StopError {
 /// whatever state the daemon, its shared memory and this machine's memory are in.
 ///
 /// First the datagram socket beside the daemon's lock file; if that gives no answer, SIGUSR1 to the process
-/// that holds the lock; its loop takes that, and the kernel's account of its thread tells that it has. The
+/// that holds the lock; its loop takes that, and the kernel's account of its thread shows that it has. The
 /// daemon may receive a stop twice, which counts as one. A request to arm that was sent before the stop came
 /// is refused.
 ///
@@ -99,23 +99,23 @@ pub fn stop(instance: &Instance, timeout: Duration) -> Result<Stopped, StopError
         Err(InstanceError::ForeignOwner { user: 0, .. }) => {}
         checked => checked?,
     }
-    let asking = Asking::new(instance);
+    let attempt = StopAttempt::new(instance);
     let mut noted = false;
     let mut refused = String::new();
     // An address without a file first; where the daemon is in a network namespace of its own, only a file is
     // an address.
     for with_file in [false, true] {
         let until = deadline.min(Instant::now() + PATIENCE);
-        let socket = if with_file { asking.with_file() } else { asking.nameless() };
-        match socket.and_then(|socket| asking.ask(&socket, until)) {
-            Ok(Heard::Taken(stopped)) => return Ok(stopped),
-            Ok(Heard::Noted(socket)) => {
+        let socket = if with_file { attempt.with_file() } else { attempt.nameless() };
+        match socket.and_then(|socket| attempt.ask(&socket, until)) {
+            Ok(StopReply::Taken(stopped)) => return Ok(stopped),
+            Ok(StopReply::Noted(socket)) => {
                 noted = true;
-                if let Some(stopped) = asking.wait(&socket, deadline) {
+                if let Some(stopped) = attempt.wait(&socket, deadline) {
                     return Ok(stopped);
                 }
             }
-            Ok(Heard::Nothing) => refused = "no answer".to_owned(),
+            Ok(StopReply::Nothing) => refused = "no answer".to_owned(),
             Err(error) => refused = error.to_string(),
         }
         if noted || Instant::now() >= deadline {
@@ -127,16 +127,16 @@ pub fn stop(instance: &Instance, timeout: Duration) -> Result<Stopped, StopError
     }
     match instance.signal_stop() {
         Ok(mut signalled) => {
-            // A thread at the socket that is only slow can tell more.
-            let socket = asking.with_file().and_then(|socket| {
-                asking.send(&socket, deadline.min(Instant::now() + PATIENCE)).map(|()| socket)
+            // A thread at the socket that is only slow can report more.
+            let socket = attempt.with_file().and_then(|socket| {
+                attempt.send(&socket, deadline.min(Instant::now() + PATIENCE)).map(|()| socket)
             });
             while Instant::now() < deadline {
                 let taken = signalled.is_taken();
                 let until = deadline.min(Instant::now() + if taken { PATIENCE } else { AGAIN });
                 match &socket {
                     Ok(socket) => {
-                        if let Some(stopped) = asking.wait(socket, until) {
+                        if let Some(stopped) = attempt.wait(socket, until) {
                             return Ok(stopped);
                         }
                     }
@@ -157,30 +157,30 @@ fn no_daemon(instance: &Instance) -> StopError {
     StopError::NoDaemon { number: instance.number(), root: instance.root().to_path_buf() }
 }
 
-const fn told(mode: Mode, trust: f64) -> Stopped {
+const fn stopped(mode: Mode, trust: f64) -> Stopped {
     Stopped { mode: Some(mode), trust: Some(trust) }
 }
 
-enum Heard {
+enum StopReply {
     Taken(Stopped),
     Noted(UnixDatagram),
     Nothing,
 }
 
 /// One stop, however often it is sent.
-struct Asking<'a> {
+struct StopAttempt<'a> {
     instance: &'a Instance,
     frame: StopFrame,
     file: PathBuf,
 }
 
-impl Drop for Asking<'_> {
+impl Drop for StopAttempt<'_> {
     fn drop(&mut self) {
         let _ = std::fs::remove_file(&self.file);
     }
 }
 
-impl<'a> Asking<'a> {
+impl<'a> StopAttempt<'a> {
     fn new(instance: &'a Instance) -> Self {
         // Random keys from the kernel: the answer's key cannot be guessed.
         let token = RandomState::new().hash_one(foretrace_shm::monotonic_now_ns());
@@ -200,12 +200,12 @@ impl<'a> Asking<'a> {
     }
 
     /// Sends the frame and waits for the first answer.
-    fn ask(&self, socket: &UnixDatagram, until: Instant) -> std::io::Result<Heard> {
+    fn ask(&self, socket: &UnixDatagram, until: Instant) -> std::io::Result<StopReply> {
         self.send(socket, until)?;
         Ok(match self.next(socket, until) {
-            Some(StopAnswer { taken: Some(mode), trust, .. }) => Heard::Taken(told(mode, trust)),
-            Some(_) => Heard::Noted(socket.try_clone()?),
-            None => Heard::Nothing,
+            Some(StopAnswer { taken: Some(mode), trust, .. }) => StopReply::Taken(stopped(mode, trust)),
+            Some(_) => StopReply::Noted(socket.try_clone()?),
+            None => StopReply::Nothing,
         })
     }
 
@@ -227,7 +227,7 @@ impl<'a> Asking<'a> {
         loop {
             let StopAnswer { taken, trust, .. } = self.next(socket, deadline)?;
             if let Some(mode) = taken {
-                return Some(told(mode, trust));
+                return Some(stopped(mode, trust));
             }
         }
     }

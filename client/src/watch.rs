@@ -1,23 +1,33 @@
 //! For observers: `Telemetry` (every tick), `StatusReader` (ten times per second), `PenWatch` (every pen
-//! sample), `JointWatch` (every joint state).
+//! sample), `JointWatch` (every joint state), `InputWatch` (what a replay needs).
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use foretrace_shm::{
     Assembly, HeaderBounds, JointState, Message, PenSample, Piece, Rejections, ServiceError, Status,
-    Subscriber, Thing, TickInput, TickRecord, monotonic_now_ns,
+    Subscriber, Thing, TickInput, TickRecord, Topic, monotonic_now_ns,
 };
 
 use crate::Foretrace;
 use crate::attach::Leaving;
 
-/// Receives the records of ticks.
+/// Receives every message of a kind, in order. What comes faster than it is read is lost, and counted.
 #[derive(Debug)]
-pub struct Telemetry {
-    subscriber: Subscriber<TickRecord>,
+pub struct MessageWatch<T: Message> {
+    subscriber: Subscriber<T>,
     _leaving: Arc<Leaving>,
 }
+
+/// Receives the records of ticks. Those that the daemon itself had to drop are counted in
+/// `TickRecord::counters.telemetry_ring_dropped`.
+pub type Telemetry = MessageWatch<TickRecord>;
+
+/// Receives the pen samples that the daemon receives too.
+pub type PenWatch = MessageWatch<PenSample>;
+
+/// Receives the joint states that the daemon receives too.
+pub type JointWatch = MessageWatch<JointState>;
 
 /// Receives the daemon's status.
 #[derive(Debug)]
@@ -27,44 +37,32 @@ pub struct StatusReader {
     _leaving: Arc<Leaving>,
 }
 
-/// Receives the pen samples that the daemon receives too.
-#[derive(Debug)]
-pub struct PenWatch {
-    subscriber: Subscriber<PenSample>,
-    _leaving: Arc<Leaving>,
-}
-
-/// Receives the joint states that the daemon receives too.
-#[derive(Debug)]
-pub struct JointWatch {
-    subscriber: Subscriber<JointState>,
-    _leaving: Arc<Leaving>,
-}
-
 /// Receives what every tick was given, and the settings, weights and states that a replay begins with.
 #[derive(Debug)]
 pub struct InputWatch {
-    inputs: Subscriber<TickInput>,
-    /// None while there is no place.
-    pieces: Option<Subscriber<Piece>>,
+    inputs: MessageWatch<TickInput>,
+    /// None while there is no slot.
+    pieces: Option<MessageWatch<Piece>>,
     assembly: Assembly,
-    _leaving: Arc<Leaving>,
 }
 
 impl Foretrace {
+    fn watch<T: Message>(&self, topic: &Topic<T>) -> Result<MessageWatch<T>, ServiceError> {
+        let subscriber = topic.subscriber(T::QOS.buffer, HeaderBounds::DEFAULT)?;
+        Ok(MessageWatch { subscriber, _leaving: self.leaving.clone() })
+    }
+
     /// The inputs of all ticks from now on, to be used in this thread: look every few milliseconds. The
-    /// daemon sends the settings in force, the newest weights and a state of the law to whoever begins to
-    /// listen.
+    /// daemon sends the settings in force, the newest weights and a state of the law to every new watch.
     ///
     /// # Errors
     ///
-    /// `NoPlace` when two others record already.
+    /// `NoSlot` when two others record already.
     pub fn inputs(&self) -> Result<InputWatch, ServiceError> {
         Ok(InputWatch {
-            inputs: self.services.inputs.subscriber(TickInput::QOS.buffer, HeaderBounds::DEFAULT)?,
-            pieces: Some(self.services.pieces.subscriber(Piece::QOS.buffer, HeaderBounds::DEFAULT)?),
+            inputs: self.watch(&self.services.inputs)?,
+            pieces: Some(self.watch(&self.services.pieces)?),
             assembly: Assembly::default(),
-            _leaving: self.leaving.clone(),
         })
     }
 
@@ -73,13 +71,9 @@ impl Foretrace {
     ///
     /// # Errors
     ///
-    /// `NoPlace` when three others watch the arm already.
+    /// `NoSlot` when three others watch the arm already.
     pub fn joint_watch(&self) -> Result<JointWatch, ServiceError> {
-        let buffer = JointState::QOS.buffer;
-        Ok(JointWatch {
-            subscriber: self.services.joint_state.subscriber(buffer, HeaderBounds::DEFAULT)?,
-            _leaving: self.leaving.clone(),
-        })
+        self.watch(&self.services.joint_state)
     }
 
     /// The pen samples from now on, to be used in this thread. 256 are kept unread: at 200 Hz, drain at least
@@ -87,13 +81,9 @@ impl Foretrace {
     ///
     /// # Errors
     ///
-    /// `NoPlace` when three others watch the pen already.
+    /// `NoSlot` when three others watch the pen already.
     pub fn pen_watch(&self) -> Result<PenWatch, ServiceError> {
-        let buffer = PenSample::QOS.buffer;
-        Ok(PenWatch {
-            subscriber: self.services.pen.subscriber(buffer, HeaderBounds::DEFAULT)?,
-            _leaving: self.leaving.clone(),
-        })
+        self.watch(&self.services.pen)
     }
 
     /// The tick records from now on, to be used in this thread. 256 are kept unread: at 500 Hz, drain at
@@ -101,69 +91,61 @@ impl Foretrace {
     ///
     /// # Errors
     ///
-    /// `NoPlace` when three others observe already.
+    /// `NoSlot` when three others observe already.
     pub fn telemetry(&self) -> Result<Telemetry, ServiceError> {
-        let buffer = TickRecord::QOS.buffer;
-        Ok(Telemetry {
-            subscriber: self.services.telemetry.subscriber(buffer, HeaderBounds::DEFAULT)?,
-            _leaving: self.leaving.clone(),
-        })
+        self.watch(&self.services.telemetry)
     }
 
     /// The status, to be used in this thread.
     ///
     /// # Errors
     ///
-    /// `NoPlace`.
+    /// `NoSlot` when all slots for readers of the status are in use.
     pub fn status(&self) -> Result<StatusReader, ServiceError> {
-        let buffer = Status::QOS.buffer;
-        Ok(StatusReader {
-            subscriber: self.services.status.subscriber(buffer, HeaderBounds::DEFAULT)?,
-            newest: None,
-            _leaving: self.leaving.clone(),
-        })
+        let MessageWatch { subscriber, _leaving } = self.watch(&self.services.status)?;
+        Ok(StatusReader { subscriber, newest: None, _leaving })
     }
 }
 
 impl InputWatch {
     /// Every unread input, oldest first. Returns how many there were.
-    pub fn drain(&mut self, mut use_input: impl FnMut(&TickInput)) -> usize {
-        self.inputs.drain(monotonic_now_ns(), |input| use_input(&input))
+    pub fn drain(&mut self, use_input: impl FnMut(&TickInput)) -> usize {
+        self.inputs.drain(use_input)
     }
 
-    /// Every thing that is complete.
-    pub fn things(&mut self, mut use_thing: impl FnMut(Thing)) {
+    /// Every snapshot that has arrived whole: settings, weights, a state.
+    pub fn snapshots(&mut self, mut use_snapshot: impl FnMut(Thing)) {
         let assembly = &mut self.assembly;
         let Some(pieces) = &mut self.pieces else { return };
-        pieces.drain(monotonic_now_ns(), |piece| {
-            if let Some(thing) = assembly.add(&piece) {
-                use_thing(thing);
+        pieces.drain(|piece| {
+            if let Some(snapshot) = assembly.add(piece) {
+                use_snapshot(snapshot);
             }
         });
     }
 
-    /// Asks for settings, weights and a state once more; inputs go on without a gap. Take what has come by
-    /// [`Self::things`] before.
+    /// Asks for settings, weights and a state once more; inputs go on without a gap. Take what has arrived by
+    /// [`Self::snapshots`] before.
     ///
     /// # Errors
     ///
-    /// `NoPlace` when another has taken the place meanwhile: inputs come, things do not until this succeeds.
+    /// `NoSlot` when another has taken the slot meanwhile: inputs arrive, snapshots do not until this
+    /// succeeds.
     pub fn start_again(&mut self, foretrace: &Foretrace) -> Result<(), ServiceError> {
-        // The own place first: there may be no other.
+        // The own slot first: there may be no other.
         self.pieces = None;
-        let pieces = foretrace.services.pieces.subscriber(Piece::QOS.buffer, HeaderBounds::DEFAULT)?;
-        self.pieces = Some(pieces);
-        self.assembly.listen_anew();
+        self.pieces = Some(foretrace.watch(&foretrace.services.pieces)?);
+        self.assembly.restart();
         Ok(())
     }
 
     /// Inputs lost so far between the daemon's publisher and here.
     pub fn lost(&self) -> u64 {
-        self.inputs.dropped()
+        self.inputs.lost()
     }
 
-    /// Things of which a piece was lost.
-    pub fn things_broken(&self) -> u64 {
+    /// Snapshots of which a part was lost.
+    pub fn snapshots_broken(&self) -> u64 {
         self.assembly.broken()
     }
 
@@ -173,60 +155,25 @@ impl InputWatch {
     }
 }
 
-impl Telemetry {
-    /// Every unread record, oldest first. Returns how many there were.
-    pub fn drain(&mut self, mut use_record: impl FnMut(&TickRecord)) -> usize {
-        self.subscriber.drain(monotonic_now_ns(), |record| use_record(&record))
+impl<T: Message> MessageWatch<T> {
+    /// Every unread message, oldest first. Returns how many there were.
+    pub fn drain(&mut self, mut use_message: impl FnMut(&T)) -> usize {
+        self.subscriber.drain(monotonic_now_ns(), |message| use_message(&message))
     }
 
-    /// Records lost so far between the daemon's publisher and here. Records the daemon itself had to drop are
-    /// counted in `TickRecord::counters.telemetry_ring_dropped`.
+    /// Messages lost so far between their publisher and here.
     pub fn lost(&self) -> u64 {
         self.subscriber.dropped()
     }
 
-    /// Records refused, by reason.
+    /// Messages refused, by reason.
     pub fn rejections(&self) -> &Rejections {
         self.subscriber.rejections()
     }
 
-    /// How often another daemon took over.
+    /// How often another publisher took over.
     pub fn restarts(&self) -> u64 {
         self.subscriber.restarts()
-    }
-}
-
-impl PenWatch {
-    /// Every unread sample, oldest first. Returns how many there were.
-    pub fn drain(&mut self, mut use_sample: impl FnMut(&PenSample)) -> usize {
-        self.subscriber.drain(monotonic_now_ns(), |sample| use_sample(&sample))
-    }
-
-    /// Samples lost so far between the pen's publisher and here.
-    pub fn lost(&self) -> u64 {
-        self.subscriber.dropped()
-    }
-
-    /// Samples refused, by reason.
-    pub fn rejections(&self) -> &Rejections {
-        self.subscriber.rejections()
-    }
-}
-
-impl JointWatch {
-    /// Every unread state, oldest first. Returns how many there were.
-    pub fn drain(&mut self, mut use_state: impl FnMut(&JointState)) -> usize {
-        self.subscriber.drain(monotonic_now_ns(), |state| use_state(&state))
-    }
-
-    /// States lost so far between the arm's publisher and here.
-    pub fn lost(&self) -> u64 {
-        self.subscriber.dropped()
-    }
-
-    /// States refused, by reason.
-    pub fn rejections(&self) -> &Rejections {
-        self.subscriber.rejections()
     }
 }
 
@@ -240,9 +187,7 @@ impl StatusReader {
 
     /// The newest status received, unread or not.
     pub fn latest(&mut self) -> Option<&Status> {
-        if let Some(status) = self.subscriber.latest(monotonic_now_ns()) {
-            self.newest = Some(status);
-        }
+        self.newest_if_new();
         self.newest.as_ref()
     }
 
@@ -250,12 +195,9 @@ impl StatusReader {
     pub fn next_within(&mut self, timeout: Duration) -> Option<Status> {
         let deadline = Instant::now() + timeout;
         loop {
-            if let Some(status) = self.subscriber.latest(monotonic_now_ns()) {
-                self.newest = Some(status);
-                return Some(status);
-            }
-            if Instant::now() >= deadline {
-                return None;
+            let status = self.newest_if_new();
+            if status.is_some() || Instant::now() >= deadline {
+                return status;
             }
             std::thread::sleep(Duration::from_millis(2));
         }

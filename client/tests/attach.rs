@@ -2,10 +2,14 @@
 
 use std::time::Duration;
 
-use foretrace_client::*;
+use foretrace_client::wire::{ControlOp, ControlStatus, HeaderBounds, RejectReason, pen_flags};
+use foretrace_client::{
+    Attachment, Claimant, Commands, DeadManError, FeedError, Foretrace, HolderKind, Instance, JointCommand,
+    PenReading, RequestError, ServiceError, Status, TickRecord, monotonic_now_ns,
+};
 use foretrace_shm::{InstanceLock, Message, Purge, Services, Session};
 
-struct Daemon {
+struct TestDaemon {
     services: Services,
     _session: Session,
     _lock: InstanceLock,
@@ -24,14 +28,14 @@ impl Rig {
         Instance::at(5, self.folder.path().join("i")).unwrap()
     }
 
-    fn start(&self) -> Daemon {
+    fn start(&self) -> TestDaemon {
         let instance = self.instance();
         let mut lock = instance.lock().unwrap();
         instance.purge(&lock).unwrap();
         let session = Session::create(&instance, "daemon", &lock).unwrap();
         let services = Services::create(&session).unwrap();
         lock.announce().unwrap();
-        Daemon { services, _session: session, _lock: lock }
+        TestDaemon { services, _session: session, _lock: lock }
     }
 
     fn attach(&self) -> Foretrace {
@@ -87,12 +91,12 @@ fn a_pen_reading_arrives_and_a_senseless_one_is_refused_here() {
     assert_eq!(got.len(), 1);
     assert_eq!((got[0].device_stamp_ns, got[0].x_m, got[0].pressure), (5, 0.25, -1.0));
     assert_eq!(got[0].flags, pen_flags::CONTACT | pen_flags::IN_RANGE);
-    let told = foretrace.pen_feed().unwrap_err().to_string();
-    assert!(told.starts_with("the pen is held by the program attach"), "{told}");
+    let error = foretrace.pen_feed().unwrap_err().to_string();
+    assert!(error.starts_with("the pen is held by the program attach"), "{error}");
 }
 
 /// Takes every message of a topic while `act` runs, as the daemon does in every tick.
-fn heard<T: Message + Send, V: Send>(
+fn received<T: Message + Send, V: Send>(
     topic: &foretrace_shm::Topic<T>,
     field: impl Fn(T) -> V + Sync,
     act: impl FnOnce(),
@@ -169,7 +173,7 @@ fn a_dead_man_switch_that_is_handed_over_says_stop_first_and_is_not_for_browsers
     assert!(refused.unwrap_err().to_string().contains("a browser never takes it"));
     dead_man.beat().unwrap();
     let other = Claimant::new(HolderKind::Button, "other pedal");
-    let stops = heard(
+    let stops = received(
         &daemon.services.enable,
         |message| message.stop,
         || {
@@ -259,7 +263,7 @@ fn a_refusal_carries_the_daemons_reason() {
     let mut server = daemon.services.control.server(1).unwrap();
     let foretrace = rig.attach();
     let asking = std::thread::spawn(move || {
-        let mut requests = foretrace.requests().unwrap();
+        let mut requests = foretrace.requests();
         let long = Duration::from_secs(30);
         (requests.arm(long), requests.set_trust(0.5, long), requests.set_trust(7.0, long))
     });
@@ -314,7 +318,7 @@ fn handles_live_on_when_a_new_daemon_takes_over() {
 }
 
 #[test]
-fn services_made_anew_are_noticed_and_attached_to() {
+fn recreated_services_are_noticed_and_attached_to() {
     let rig = Rig::new();
     let daemon = rig.start();
     let mut foretrace = rig.attach();

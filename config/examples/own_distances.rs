@@ -46,7 +46,7 @@ fn main() -> Fallible<()> {
     for (at, line) in std::io::stdin().lock().lines().enumerate() {
         let numbers: Result<Vec<f64>, _> = line?.split_whitespace().map(str::parse).collect();
         let q = numbers.ok().and_then(|numbers| numbers.try_into().ok());
-        let q: [f64; 6] = q.ok_or_else(|| format!("line {} is no six numbers", at + 1))?;
+        let q: [f64; 6] = q.ok_or_else(|| format!("line {} does not hold six numbers", at + 1))?;
         let kinematics = robot.chain.forward(&q);
         for (index, (_, distance)) in clearance.distances_within(&kinematics).enumerate() {
             write!(out, "{}{distance}", if index == 0 { "" } else { " " })?;

@@ -4,19 +4,19 @@
 
 use std::path::Path;
 
+use foretrace_control::estimate::refine::RefinePrior;
 use foretrace_control::pen::STEP_QUEUE_CAPACITY;
 use foretrace_control::predict::models::dybm::MAX_TRACES;
-use foretrace_control::predict::refine::RefinePrior;
 use foretrace_control::predict::{MAX_PREVIEW, Models};
 
 use crate::files::Files;
 use crate::follower::judge;
-use crate::layers::Found;
+use crate::layers::NodesByKey;
 use crate::predictor::{models, prior};
-use crate::problem::Problem;
+use crate::problem::{Problem, ProblemKind, ValueFlaw};
 use crate::robot::{Robot, robot};
 use crate::settings::{Optimiser, Settings};
-use crate::written::Place;
+use crate::written::SettingOrigin;
 
 /// Longest `instance.root_dir` \[bytes\]: what the sockets of the middleware leave of their 108 bytes.
 pub const LONGEST_ROOT_BYTES: usize = 38;
@@ -25,8 +25,8 @@ pub const LONGEST_ROOT_BYTES: usize = 38;
 /// the models and the start of refinement that the settings describe, unless a contradiction is about them.
 pub(crate) fn check(
     settings: &Settings,
-    found: &Found,
-    whole: &Place,
+    found: &NodesByKey,
+    whole: &SettingOrigin,
     problems: &mut Vec<Problem>,
     files: &Files,
 ) -> Option<(Robot, Models, RefinePrior)> {
@@ -46,7 +46,7 @@ pub(crate) fn check(
     if report.problems.is_empty()
         && let Err(refused) = judge(settings, &robot, &models, &prior)
     {
-        report.problems.push(Problem::Refused { place: whole.clone(), why: refused.to_string() });
+        report.problems.push(Problem::new(whole, ProblemKind::Refused(refused.to_string())));
         return None;
     }
     Some((robot, models, prior))
@@ -54,8 +54,8 @@ pub(crate) fn check(
 
 /// Knows where each key was written, and where the files are that values name.
 pub(crate) struct Findings<'a> {
-    pub(crate) found: &'a Found,
-    pub(crate) whole: &'a Place,
+    pub(crate) found: &'a NodesByKey,
+    pub(crate) whole: &'a SettingOrigin,
     pub(crate) problems: &'a mut Vec<Problem>,
     pub(crate) files: &'a Files,
 }
@@ -63,13 +63,13 @@ pub(crate) struct Findings<'a> {
 impl Findings<'_> {
     /// Reports that `key` contradicts something.
     pub(crate) fn conflict(&mut self, key: &str, conflict: impl Into<String>, remedy: impl Into<String>) {
-        let node = self.found.get(key);
-        self.problems.push(Problem::Conflict {
-            place: node.map_or_else(|| self.whole.clone(), |node| node.place.clone()),
-            key: key.to_owned(),
-            value: node.map_or_else(|| "(not set)".to_owned(), |node| node.text.clone()),
-            conflict: conflict.into(),
-            remedy: remedy.into(),
+        let flaw = ValueFlaw::Conflict { conflict: conflict.into(), remedy: remedy.into() };
+        self.problems.push(match self.found.get(key) {
+            Some(node) => node.flawed(key, flaw),
+            None => {
+                let (key, value) = (key.to_owned(), "(not set)".to_owned());
+                Problem::new(self.whole, ProblemKind::Value { key, value, flaw })
+            }
         });
     }
 }

@@ -5,24 +5,24 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use foretrace_control::arm::DynamicsError;
+use foretrace_control::estimate::refine::RefinePrior;
 use foretrace_control::predict::Models;
-use foretrace_control::predict::refine::RefinePrior;
 use toml::de::DeValue;
 
 use crate::check::check;
 use crate::files::{Files, LONGEST_SETTINGS};
 use crate::headroom::{Headroom, headroom};
-use crate::layers::{self, Found};
+use crate::layers::{self, NodesByKey};
 use crate::models::{SHIPPED_PRIOR, shipped};
 use crate::plain::plain;
 use crate::predictor::NO_NETWORK;
 use crate::presets;
-use crate::problem::{ConfigError, Problem};
+use crate::problem::{ConfigError, Problem, ProblemKind};
 use crate::remarks;
 use crate::robot::Robot;
 use crate::settings::Settings;
 use crate::unarmed;
-use crate::written::{Place, Raw};
+use crate::written::{Raw, SettingOrigin};
 
 /// Settings that are complete, inside their ranges, and fit together.
 #[derive(Clone)]
@@ -31,7 +31,7 @@ pub struct Config {
     robot: Robot,
     models: Models,
     prior: RefinePrior,
-    found: Found,
+    found: NodesByKey,
     name: String,
 }
 
@@ -108,7 +108,7 @@ impl Config {
         &self.prior
     }
 
-    /// Remarks on legal settings: what they lack, or what will refuse them later; one line each, for people.
+    /// Remarks on legal settings: what they lack, or what will refuse them later; one line each.
     #[must_use]
     pub fn remarks(&self) -> Vec<String> {
         remarks::remarks(self)
@@ -137,8 +137,8 @@ impl Config {
 
     /// Where the value of `key` (for example `loop.rate_hz`) comes from; `None` for a key that is not set.
     #[must_use]
-    pub fn origin(&self, key: &str) -> Option<&Place> {
-        self.found.get(key).map(|node| &node.place)
+    pub fn origin(&self, key: &str) -> Option<&SettingOrigin> {
+        self.found.get(key).map(|node| &node.origin)
     }
 }
 
@@ -148,8 +148,8 @@ impl Config {
 /// "125").finish()`.
 #[derive(Debug, Clone)]
 pub struct Draft {
-    found: Found,
-    whole: Place,
+    found: NodesByKey,
+    whole: SettingOrigin,
     folder: PathBuf,
     problems: Vec<Problem>,
     files: Files,
@@ -167,10 +167,10 @@ impl Draft {
     pub fn file_of(path: impl AsRef<Path>, files: Files) -> Self {
         let path = path.as_ref();
         let name: Arc<str> = Arc::from(plain(&path.display().to_string()));
-        let place = Place::File { path: name.clone(), line: 0 };
+        let origin = SettingOrigin::File { path: name.clone(), line: 0 };
         let unreadable = |why: String, remedy| {
-            let mut draft = Self::new(place.clone(), PathBuf::new());
-            draft.problems.push(Problem::Unreadable { place: place.clone(), why, remedy });
+            let mut draft = Self::new(origin.clone(), PathBuf::new());
+            draft.problems.push(Problem::new(&origin, ProblemKind::Unreadable { why, remedy }));
             draft
         };
         let bytes = match files.read(path, LONGEST_SETTINGS) {
@@ -198,15 +198,14 @@ impl Draft {
     /// Starts from an embedded preset.
     #[must_use]
     pub fn preset(name: &str) -> Self {
-        let place = Place::Preset { name: Arc::from(name), line: 0 };
-        let mut draft = Self::new(place.clone(), PathBuf::from("."));
+        let origin = SettingOrigin::Preset { name: Arc::from(name), line: 0 };
+        let mut draft = Self::new(origin.clone(), PathBuf::from("."));
         match presets::text(name) {
-            Some(text) => layers::overlay(text, &place, &mut draft.found, &mut draft.problems),
-            None => draft.problems.push(Problem::UnknownPreset {
-                place: Place::Override,
-                value: name.to_owned(),
-                known: presets::names(),
-            }),
+            Some(text) => layers::overlay(text, &origin, &mut draft.found, &mut draft.problems),
+            None => {
+                let kind = ProblemKind::UnknownPreset { value: name.to_owned(), known: presets::names() };
+                draft.problems.push(Problem::new(&SettingOrigin::Override, kind));
+            }
         }
         draft
     }
@@ -221,16 +220,17 @@ impl Draft {
         text: &str,
         name: &str,
         folder: impl AsRef<Path>,
-        overlay: fn(&str, &Place, &mut Found, &mut Vec<Problem>),
+        overlay: fn(&str, &SettingOrigin, &mut NodesByKey, &mut Vec<Problem>),
     ) -> Self {
-        let place = Place::File { path: Arc::from(name), line: 0 };
-        let mut draft = Self::new(place.clone(), folder.as_ref().to_owned());
+        let origin = SettingOrigin::File { path: Arc::from(name), line: 0 };
+        let mut draft = Self::new(origin.clone(), folder.as_ref().to_owned());
         if text.len() as u64 > LONGEST_SETTINGS {
             let why = format!("it has {} bytes, {LONGEST_SETTINGS} are the most that are read", text.len());
-            draft.problems.push(Problem::Unreadable { place, why, remedy: "write only what a preset lacks" });
+            let kind = ProblemKind::Unreadable { why, remedy: "write only what a preset lacks" };
+            draft.problems.push(Problem::new(&origin, kind));
             return draft;
         }
-        overlay(text, &place, &mut draft.found, &mut draft.problems);
+        overlay(text, &origin, &mut draft.found, &mut draft.problems);
         draft
     }
 
@@ -247,12 +247,17 @@ impl Draft {
             Ok(_) => value.to_owned(),
             Err(_) => toml::Value::String(value.to_owned()).to_string(),
         };
-        layers::overlay(&format!("{key} = {value}"), &Place::Override, &mut self.found, &mut self.problems);
+        layers::overlay(
+            &format!("{key} = {value}"),
+            &SettingOrigin::Override,
+            &mut self.found,
+            &mut self.problems,
+        );
         self
     }
 
-    /// Sets the rate of the loop, and with it the grid step where that is no multiple of the new period (the
-    /// nearest that is: 8 ms for 10 ms at 125 and 250 Hz).
+    /// Sets the rate of the loop, and with it the grid step where that is not a multiple of the new period
+    /// (the nearest that is: 8 ms for 10 ms at 125 and 250 Hz).
     #[must_use]
     pub fn rate(self, rate_hz: u32) -> Self {
         let step = self.found.get("pen.step_ms").and_then(|node| match node.raw {
@@ -276,16 +281,17 @@ impl Draft {
     /// All that is wrong, in the order of the file.
     pub fn finish(self) -> Result<Config, ConfigError> {
         let Self { found: written, whole, folder, mut problems, files } = self;
-        let unreadable =
-            problems.iter().any(|p| matches!(p, Problem::Unreadable { .. } | Problem::Syntax { .. }));
+        let unreadable = problems
+            .iter()
+            .any(|p| matches!(p.kind, ProblemKind::Unreadable { .. } | ProblemKind::Syntax(_)));
         if !unreadable {
             let mut found = layers::defaults(&mut problems);
             found.extend(written);
-            let unknown_preset = problems.iter().any(|p| matches!(p, Problem::UnknownPreset { .. }));
+            let unknown_preset = problems.iter().any(|p| matches!(p.kind, ProblemKind::UnknownPreset { .. }));
             let settings = layers::settings(&found, &whole, &mut problems);
             if unknown_preset {
                 // Without its preset every key is missing: report the one cause.
-                problems.retain(|problem| !matches!(problem, Problem::Missing { .. }));
+                problems.retain(|problem| !matches!(problem.kind, ProblemKind::Missing { .. }));
             }
             if let Some(mut settings) = settings {
                 settings.robot.urdf =
@@ -313,8 +319,8 @@ impl Draft {
         Err(ConfigError::new(problems))
     }
 
-    fn new(whole: Place, folder: PathBuf) -> Self {
-        Self { found: Found::new(), whole, folder, problems: Vec::new(), files: Files::Disk }
+    fn new(whole: SettingOrigin, folder: PathBuf) -> Self {
+        Self { found: NodesByKey::new(), whole, folder, problems: Vec::new(), files: Files::Disk }
     }
 }
 

@@ -16,7 +16,7 @@ pub const LONGEST_SETTINGS: u64 = 1 << 20;
 ///
 /// # Errors
 ///
-/// It cannot be read, is no regular file, or is longer: before a byte is read where its size says so, and
+/// It cannot be read, is not a regular file, or is longer: before a byte is read where its size says so, and
 /// after `most` bytes where it has none (`/proc`) or grows.
 pub fn read_regular(path: &Path, most: u64) -> Result<Vec<u8>> {
     let long = |bytes: &dyn std::fmt::Display| {
@@ -43,7 +43,7 @@ pub fn read_regular(path: &Path, most: u64) -> Result<Vec<u8>> {
 ///
 /// # Errors
 ///
-/// As [`read_regular`], or it is no UTF-8.
+/// As [`read_regular`], or it is not UTF-8.
 pub fn read_text(path: &Path, most: u64) -> Result<String> {
     text(read_regular(path, most)?)
 }
@@ -59,7 +59,6 @@ pub type Taken = BTreeMap<PathBuf, Vec<u8>>;
 /// Where settings find the files that they name.
 #[derive(Debug, Clone, Default)]
 pub enum Files {
-    /// On the disk.
     #[default]
     Disk,
     /// On the disk; what was read is kept.
@@ -110,7 +109,7 @@ impl Files {
     ///
     /// # Errors
     ///
-    /// As [`Files::read`], or it is no UTF-8.
+    /// As [`Files::read`], or it is not UTF-8.
     pub fn read_text(&self, path: &Path, most: u64) -> Result<String> {
         text(self.read(path, most)?)
     }
@@ -131,14 +130,14 @@ mod tests {
 
     #[test]
     fn devices_folders_and_long_files_are_refused_with_a_reason() {
-        let told = |path: &str, most| read_text(Path::new(path), most).unwrap_err().to_string();
-        assert_eq!(told("/dev/zero", 10), "not a regular file");
-        assert_eq!(told("/", 10), "a directory, not a regular file");
+        let refusal = |path: &str, most| read_text(Path::new(path), most).unwrap_err().to_string();
+        assert_eq!(refusal("/dev/zero", 10), "not a regular file");
+        assert_eq!(refusal("/", 10), "a directory, not a regular file");
         let own = concat!(env!("CARGO_MANIFEST_DIR"), "/Cargo.toml");
         let bytes = std::fs::metadata(own).unwrap().len();
-        assert_eq!(told(own, 10), format!("it has {bytes} bytes, 10 are the most that are read"));
+        assert_eq!(refusal(own, 10), format!("it has {bytes} bytes, 10 are the most that are read"));
         // Says that it has no bytes.
-        let endless = told("/proc/self/smaps", 10);
+        let endless = refusal("/proc/self/smaps", 10);
         assert_eq!(endless, "it has more than 10 bytes, 10 are the most that are read");
         assert!(read_text(Path::new(own), 1 << 20).unwrap().contains("foretrace-config"));
     }

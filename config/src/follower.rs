@@ -7,6 +7,8 @@
 use foretrace_control::arm::lag::Following;
 use foretrace_control::contact::ContactSettings;
 use foretrace_control::envelope::EnvelopeSettings;
+use foretrace_control::estimate::refine::{RefineParameters, RefinePrior};
+use foretrace_control::estimate::skill::SkillParameters;
 use foretrace_control::follower::{Follower, FollowerError, FollowerSettings, SafetySettings};
 use foretrace_control::ik::{IkBackend, IkSettings};
 use foretrace_control::learn::{Leads, LearnError, Learner, LearnerSettings, Rule};
@@ -16,9 +18,7 @@ use foretrace_control::mpc::{
 };
 use foretrace_control::pen::{PenSettings, SpeedScaleSettings};
 use foretrace_control::plane::Plane;
-use foretrace_control::predict::refine::{RefineParameters, RefinePrior};
 use foretrace_control::predict::{MAX_PREVIEW, Models, PreviewSettings};
-use foretrace_control::skill::SkillParameters;
 use foretrace_control::trust::{TrustParameters, TrustRequest, TrustSettings};
 use foretrace_control::units::Trust;
 use nalgebra::Vector3;
@@ -95,7 +95,7 @@ pub(crate) fn judge(
     robot: &Robot,
     models: &Models,
     prior: &RefinePrior,
-) -> Result<(), Refused> {
+) -> Result<(), LawRefusal> {
     Learner::new(learner_settings(settings), models)?;
     let follower = follower_settings(settings, robot, models, prior);
     match settings.mpc.horizon {
@@ -108,7 +108,7 @@ pub(crate) fn judge(
 
 /// Why the control law refuses settings.
 #[derive(Debug, thiserror::Error)]
-pub(crate) enum Refused {
+pub(crate) enum LawRefusal {
     /// The loop.
     #[error("the loop: {0}{keys}", keys = keys(.0))]
     Follower(#[from] FollowerError),

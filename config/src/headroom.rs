@@ -32,7 +32,6 @@ pub struct Headroom {
     pub payload: Payload,
     /// Poses that were reached and judged.
     pub poses: usize,
-    /// Per joint.
     pub joints: [JointHeadroom; JOINTS],
     /// All joints at once: least and median over the poses [rad/s²].
     pub together: [f64; 2],
@@ -194,14 +193,14 @@ impl Headroom {
                 .max_by(|a, b| (asked(a)[0] / a.alone[0]).total_cmp(&(asked(b)[0] / b.alone[0])))?;
             let braking = key == DECELERATION;
             let mostly = self.joints.iter().any(|joint| asked(joint)[1] < MOSTLY);
-            let text = self.told(key, worst, asked(worst), &vector);
+            let text = self.remark(key, worst, asked(worst), &vector);
             Some(Exceeded { serious: braking || mostly, text })
         };
         let brake = of(DECELERATION, |joint| joint.deceleration, deceleration);
         of(ACCELERATION, |joint| joint.acceleration, acceleration).into_iter().chain(brake).collect()
     }
 
-    fn told(
+    fn remark(
         &self,
         key: &str,
         worst: &JointHeadroom,
@@ -242,7 +241,7 @@ impl Headroom {
 pub struct Exceeded {
     /// A promise of braking, or an acceleration that most of the plane does not leave; otherwise a note.
     pub serious: bool,
-    /// What, where, and the line to write; one line for people.
+    /// What, where, and the line to write; one readable line.
     pub text: String,
 }
 

@@ -7,10 +7,10 @@ use std::sync::{Arc, LazyLock};
 
 use crate::nearest::{current, nearest, without_unit};
 use crate::presets;
-use crate::problem::Problem;
-use crate::schema::{Presence, Reader, Section, Table, joined};
+use crate::problem::{Problem, ProblemKind, ValueFlaw};
+use crate::schema::{Presence, Section, SectionReader, Table, joined};
 use crate::settings::Settings;
-use crate::written::{self, Node, Place, Raw};
+use crate::written::{self, Node, Raw, SettingOrigin};
 
 /// The key that names a preset, at the top of a file.
 pub(crate) const PRESET: &str = "preset";
@@ -30,28 +30,38 @@ pub(crate) fn table() -> &'static Table {
 }
 
 /// The values in force, by full key, each with where it comes from.
-pub(crate) type Found = BTreeMap<String, Node>;
+pub(crate) type NodesByKey = BTreeMap<String, Node>;
 
 /// The default of every key that has one.
-pub(crate) fn defaults(problems: &mut Vec<Problem>) -> Found {
-    let mut found = Found::new();
+pub(crate) fn defaults(problems: &mut Vec<Problem>) -> NodesByKey {
+    let mut found = NodesByKey::new();
     for key in &table().keys {
         if let Presence::Default(value) = key.presence {
-            overlay(&format!("{} = {value}", key.path), &Place::Default, &mut found, problems);
+            overlay(&format!("{} = {value}", key.path), &SettingOrigin::Default, &mut found, problems);
         }
     }
     found
 }
 
 /// Puts the values of `text` over those in `found`; a preset named in it goes under them.
-pub(crate) fn overlay(text: &str, place: &Place, found: &mut Found, problems: &mut Vec<Problem>) {
-    put_over(written::parse(text, place, problems), found, problems);
+pub(crate) fn overlay(
+    text: &str,
+    origin: &SettingOrigin,
+    found: &mut NodesByKey,
+    problems: &mut Vec<Problem>,
+) {
+    put_over(written::parse(text, origin, problems), found, problems);
 }
 
 /// As [`overlay`], for the text of a recording, in which sections and predictors may have names of earlier
 /// versions.
-pub(crate) fn overlay_recorded(text: &str, place: &Place, found: &mut Found, problems: &mut Vec<Problem>) {
-    let mut root = written::parse(text, place, problems);
+pub(crate) fn overlay_recorded(
+    text: &str,
+    origin: &SettingOrigin,
+    found: &mut NodesByKey,
+    problems: &mut Vec<Problem>,
+) {
+    let mut root = written::parse(text, origin, problems);
     translate("", &mut root);
     put_over(root, found, problems);
 }
@@ -75,19 +85,23 @@ fn translate(at: &str, entries: &mut [(String, Node)]) {
     }
 }
 
-fn put_over(mut root: Vec<(String, Node)>, found: &mut Found, problems: &mut Vec<Problem>) {
+fn put_over(mut root: Vec<(String, Node)>, found: &mut NodesByKey, problems: &mut Vec<Problem>) {
     if let Some(i) = root.iter().position(|(key, _)| key == PRESET) {
         let (_, node) = root.remove(i);
         if let Some((name, text)) = preset_text(&node, problems) {
-            overlay(text, &Place::Preset { name, line: 0 }, found, problems);
+            overlay(text, &SettingOrigin::Preset { name, line: 0 }, found, problems);
         }
     }
     collect("", root, found, problems);
 }
 
 /// Checks the values and builds the settings; `None` exactly when a problem was pushed.
-pub(crate) fn settings(found: &Found, whole: &Place, problems: &mut Vec<Problem>) -> Option<Settings> {
-    Settings::read(&mut Reader { found, whole, problems }, "")
+pub(crate) fn settings(
+    found: &NodesByKey,
+    whole: &SettingOrigin,
+    problems: &mut Vec<Problem>,
+) -> Option<Settings> {
+    Settings::read(&mut SectionReader { found, whole, problems }, "")
 }
 
 fn preset_text(node: &Node, problems: &mut Vec<Problem>) -> Option<(Arc<str>, &'static str)> {
@@ -98,11 +112,12 @@ fn preset_text(node: &Node, problems: &mut Vec<Problem>) -> Option<(Arc<str>, &'
         },
         _ => node.text.clone(),
     };
-    problems.push(Problem::UnknownPreset { place: node.place.clone(), value, known: presets::names() });
+    let kind = ProblemKind::UnknownPreset { value, known: presets::names() };
+    problems.push(Problem::new(&node.origin, kind));
     None
 }
 
-fn collect(at: &str, entries: Vec<(String, Node)>, found: &mut Found, problems: &mut Vec<Problem>) {
+fn collect(at: &str, entries: Vec<(String, Node)>, found: &mut NodesByKey, problems: &mut Vec<Problem>) {
     for (name, node) in entries {
         let path = joined(at, &name);
         // A quoted name with a dot in it is one name: `"loop.rate_hz" = 500` is not the key of the section.
@@ -112,26 +127,22 @@ fn collect(at: &str, entries: Vec<(String, Node)>, found: &mut Found, problems: 
         } else if plain && table().sections.iter().any(|(section, _)| *section == path) {
             match node.raw {
                 Raw::Table(inner) => collect(&path, inner, found, problems),
-                _ => problems.push(Problem::WrongType {
-                    place: node.place,
-                    key: path.clone(),
-                    value: node.text,
-                    found: node.raw.kind(),
-                    wanted: format!("a section: write [{path}] with keys under it"),
-                }),
+                _ => {
+                    let wanted = format!("a section: write [{path}] with keys under it");
+                    let flaw = ValueFlaw::WrongType { found: node.raw.kind(), wanted };
+                    problems.push(node.flawed(&path, flaw));
+                }
             }
         } else if let Raw::Table(_) = node.raw {
             let hint = nearest_section(&path).map_or_else(
                 || format!(": the sections are {}", top_sections()),
                 |section| format!(": did you mean `[{section}]`?"),
             );
-            problems.push(Problem::UnknownSection { place: node.place, section: shortened(&path), hint });
+            let kind = ProblemKind::UnknownSection { section: shortened(&path), hint };
+            problems.push(Problem::new(&node.origin, kind));
         } else {
-            problems.push(Problem::UnknownKey {
-                place: node.place,
-                key: shortened(&path),
-                hint: hint(at, &name),
-            });
+            let kind = ProblemKind::UnknownKey { key: shortened(&path), hint: hint(at, &name) };
+            problems.push(Problem::new(&node.origin, kind));
         }
     }
 }

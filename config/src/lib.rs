@@ -36,12 +36,12 @@ pub use config::{Config, Draft};
 pub use headroom::{Exceeded, FRICTION_SHARE, Headroom, JointHeadroom, ROTOR_KGM2};
 pub use live::{KeyChange, LiveChange, StartOnlyKey};
 pub use plain::{plain, plain_lines, plain_log};
-pub use problem::{ConfigError, Problem};
-pub use render::{key_table, keys};
+pub use problem::{ConfigError, Problem, ProblemKind, ValueFlaw};
+pub use render::keys;
 pub use robot::{JOINTS, Robot};
 pub use schema::{Change, Key, Legal, Presence};
 pub use settings::Settings;
-pub use written::Place;
+pub use written::SettingOrigin;
 
 #[cfg(test)]
 mod tests;

@@ -10,11 +10,8 @@ use crate::settings::Settings;
 /// One key whose value differs; values as TOML, `None`: not set.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct KeyChange {
-    /// Full name.
     pub key: String,
-    /// In force.
     pub from: Option<String>,
-    /// Wanted.
     pub to: Option<String>,
 }
 

@@ -16,7 +16,7 @@ pub(crate) fn current(word: &str) -> Option<&'static str> {
 /// (about a third of its letters).
 pub(crate) fn nearest<'a>(word: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let renamed = current(word);
-    // A hostile file may hold a key of megabytes, which is no typing error.
+    // A hostile file may hold a key of megabytes, which is not a typing error.
     const LONGEST: usize = 80;
     if word.len() > LONGEST {
         return None;
@@ -59,7 +59,7 @@ pub(crate) fn distance(a: &str, b: &str) -> usize {
     last.last().copied().unwrap_or_default()
 }
 
-/// Unit suffixes of key names with the unit as people write it; longest first, so that `_mps3` is not read as
+/// Unit suffixes of key names with the unit as it is written; longest first, so that `_mps3` is not read as
 /// `_s`.
 const UNITS: [(&str, &str); 15] = [
     ("_radps3", "rad/s^3"),
@@ -86,7 +86,7 @@ pub(crate) fn unit_of(key: &str) -> &'static str {
 
 /// The name of a key without its unit.
 pub(crate) fn without_unit(key: &str) -> &str {
-    // Also units that foretrace does not use, because people write them by mistake.
+    // Also units that foretrace does not use, because they are written by mistake.
     const FOREIGN: [&str; 9] =
         ["_mm", "_cm", "_deg", "_degps", "_degrees", "_sec", "_seconds", "_mmps", "_khz"];
     UNITS

@@ -6,10 +6,10 @@
 
 use std::sync::Arc;
 
+use foretrace_control::estimate::refine::RefinePrior;
 use foretrace_control::predict::models::ar_rls::ArRlsSettings;
 use foretrace_control::predict::models::dybm::{DybmShape, TraceInput};
 use foretrace_control::predict::models::esn::ReservoirSettings;
-use foretrace_control::predict::refine::RefinePrior;
 use foretrace_control::predict::{
     DybmSettings, InitialWeights, MixtureSettings, ModelSettings, Models, Networks, Optimiser, PredictorKind,
 };
@@ -17,13 +17,13 @@ use foretrace_control::predict::{
 use crate::check::Findings;
 use crate::models::{ForesightModel, LstmModel, ModelError, SHIPPED_PRIOR, find_prior_in, shipped};
 use crate::problem::Problem;
-use crate::schema::Rule;
+use crate::schema::ValueRule;
 use crate::settings::{self, Settings, TraceChoice};
-use crate::value::{Value, word};
+use crate::value::{SettingValue, word};
 use crate::written::Node;
 
-impl Value for PredictorKind {
-    fn read(node: &Node, rule: &Rule<'_>, problems: &mut Vec<Problem>) -> Option<Self> {
+impl SettingValue for PredictorKind {
+    fn read(node: &Node, rule: &ValueRule<'_>, problems: &mut Vec<Problem>) -> Option<Self> {
         // The key's rule only accepts names of the registry.
         word(node, rule, problems).and_then(Self::from_name)
     }
@@ -86,8 +86,8 @@ pub(crate) fn models(settings: &Settings, report: &mut Findings<'_>) -> Option<M
     }
 }
 
-/// The network of `key`: as named; where nothing is said, the shipped one of `family` for this step, if there
-/// is one. `None` when something was reported.
+/// The network of `key`: as named; where nothing is named, the shipped one of `family` for this step, if
+/// there is one. `None` when something was reported.
 fn network<W>(
     key: &str,
     name: Option<&str>,

@@ -5,7 +5,7 @@
 
 use std::fmt;
 
-use crate::written::Place;
+use crate::written::SettingOrigin;
 
 /// Everything that is wrong with the settings that were asked for; never empty.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -40,191 +40,104 @@ impl fmt::Display for ConfigError {
 
 /// One thing that is wrong.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error("{origin}: {kind}")]
+pub struct Problem {
+    /// Of the value, or the file as a whole.
+    pub origin: SettingOrigin,
+    pub kind: ProblemKind,
+}
+
+/// What is wrong.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
-pub enum Problem {
+pub enum ProblemKind {
     /// The file cannot be read at all.
-    #[error("{place}: cannot be read ({why}): {remedy}")]
+    #[error("cannot be read ({why}): {remedy}")]
     Unreadable {
-        /// The file.
-        place: Place,
-        /// What the operating system said.
+        /// The operating system's reason.
         why: String,
-        /// What to do.
         remedy: &'static str,
     },
-    /// Not TOML.
-    #[error("{place}: not valid TOML: {what}")]
-    Syntax {
-        /// Where.
-        place: Place,
-        /// What the parser said.
-        what: String,
-    },
+    /// Not TOML, with the parser's message.
+    #[error("not valid TOML: {0}")]
+    Syntax(String),
     /// The preset named at the top of the file, or by the caller, does not exist.
-    #[error("{place}: preset = {value:?} is unknown: the presets are {known}")]
-    UnknownPreset {
-        /// Where.
-        place: Place,
-        /// As written.
-        value: String,
-        /// The names that exist.
-        known: String,
-    },
+    #[error("preset = {value:?} is unknown: the presets are {known}")]
+    UnknownPreset { value: String, known: String },
     /// A key that foretrace does not have.
-    #[error("{place}: unknown key `{key}`{hint}")]
+    #[error("unknown key `{key}`{hint}")]
     UnknownKey {
-        /// Where.
-        place: Place,
-        /// Full dotted key.
         key: String,
         /// Starts with `:` or `;`: the nearest key, or what the section has.
         hint: String,
     },
     /// A section that foretrace does not have.
-    #[error("{place}: unknown section `[{section}]`{hint}")]
-    UnknownSection {
-        /// Where.
-        place: Place,
-        /// Full dotted name.
-        section: String,
-        /// The nearest section.
-        hint: String,
-    },
+    #[error("unknown section `[{section}]`{hint}")]
+    UnknownSection { section: String, hint: String },
     /// A key without a default that neither the file nor a preset gives.
     #[error(
-        "{place}: key `{key}` is missing: add {example} under [{section}] ({legal}), or start the file with \
-         preset = \"ur5\""
+        "key `{key}` is missing: add {example} under [{section}] ({legal}), or start the file with preset = \
+         \"ur5\""
     )]
-    Missing {
-        /// The file as a whole.
-        place: Place,
-        /// Full dotted key.
-        key: String,
-        /// Its section.
-        section: String,
-        /// An example line.
-        example: String,
-        /// What is legal.
-        legal: String,
-    },
-    /// The value has the wrong kind: text for a number, a number for a list.
-    #[error("{place}: key `{key}` = {value} is {found}: it takes {wanted}")]
-    WrongType {
-        /// Where.
-        place: Place,
+    Missing { key: String, section: String, example: String, legal: String },
+    /// Legal key by key, but refused by the control law that would be built from them, with its reason.
+    #[error("the settings do not make a working control law; {0}")]
+    Refused(String),
+    /// A value that cannot stay.
+    #[error("key `{key}` = {value} {flaw}")]
+    Value {
         /// Full dotted key, with the element where it is one of a list.
         key: String,
         /// As written.
         value: String,
-        /// The kind found.
-        found: &'static str,
-        /// What the key takes.
-        wanted: String,
-    },
-    /// NaN or infinity.
-    #[error("{place}: key `{key}` = {value} is not finite: it takes {legal}")]
-    NotFinite {
-        /// Where.
-        place: Place,
-        /// Full dotted key.
-        key: String,
-        /// As written.
-        value: String,
-        /// What is legal.
-        legal: String,
-    },
-    /// A number outside its legal range.
-    #[error("{place}: key `{key}` = {value} is outside {legal}: {remedy}")]
-    OutOfRange {
-        /// Where.
-        place: Place,
-        /// Full dotted key.
-        key: String,
-        /// As written.
-        value: String,
-        /// Range with unit.
-        legal: String,
-        /// What to do; says so when the value looks like another unit.
-        remedy: String,
-    },
-    /// A word or number that is not one of the legal ones.
-    #[error("{place}: key `{key}` = {value} is not one of {legal}{hint}")]
-    NotOneOf {
-        /// Where.
-        place: Place,
-        /// Full dotted key.
-        key: String,
-        /// As written.
-        value: String,
-        /// The legal ones.
-        legal: String,
-        /// The nearest one, or nothing.
-        hint: String,
-    },
-    /// Legal key by key, but refused by the control law that would be built from them.
-    #[error("{place}: the settings do not make a working control law; {why}")]
-    Refused {
-        /// The file as a whole.
-        place: Place,
-        /// What the law said, with values and ranges.
-        why: String,
-    },
-    /// A value that is legal alone but contradicts another one.
-    #[error("{place}: key `{key}` = {value} {conflict}: {remedy}")]
-    Conflict {
-        /// Where.
-        place: Place,
-        /// Full dotted key.
-        key: String,
-        /// As written.
-        value: String,
-        /// What it contradicts, with the other value.
-        conflict: String,
-        /// What to do.
-        remedy: String,
+        flaw: ValueFlaw,
     },
 }
 
+/// What is wrong with a value.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum ValueFlaw {
+    /// The wrong kind: text for a number, a number for a list.
+    #[error("is {found}: it takes {wanted}")]
+    WrongType { found: &'static str, wanted: String },
+    /// NaN or infinity.
+    #[error("is not finite: it takes {legal}")]
+    NotFinite { legal: String },
+    /// A number outside its legal range. The remedy says so when the value looks like another unit.
+    #[error("is outside {legal}: {remedy}")]
+    OutOfRange { legal: String, remedy: String },
+    /// A word or number that is not one of the legal ones; the hint names the nearest one, or is empty.
+    #[error("is not one of {legal}{hint}")]
+    NotOneOf { legal: String, hint: String },
+    /// Legal alone, but it contradicts another value.
+    #[error("{conflict}: {remedy}")]
+    Conflict { conflict: String, remedy: String },
+}
+
 impl Problem {
-    /// Where it stands.
-    #[must_use]
-    pub const fn place(&self) -> &Place {
-        match self {
-            Self::Unreadable { place, .. }
-            | Self::Syntax { place, .. }
-            | Self::UnknownPreset { place, .. }
-            | Self::UnknownKey { place, .. }
-            | Self::UnknownSection { place, .. }
-            | Self::Missing { place, .. }
-            | Self::WrongType { place, .. }
-            | Self::NotFinite { place, .. }
-            | Self::OutOfRange { place, .. }
-            | Self::NotOneOf { place, .. }
-            | Self::Refused { place, .. }
-            | Self::Conflict { place, .. } => place,
-        }
+    pub(crate) fn new(origin: &SettingOrigin, kind: ProblemKind) -> Self {
+        Self { origin: origin.clone(), kind }
     }
 
     /// The key, where it is about one.
     #[must_use]
     pub fn key(&self) -> Option<&str> {
-        match self {
-            Self::UnknownKey { key, .. }
-            | Self::Missing { key, .. }
-            | Self::WrongType { key, .. }
-            | Self::NotFinite { key, .. }
-            | Self::OutOfRange { key, .. }
-            | Self::NotOneOf { key, .. }
-            | Self::Conflict { key, .. } => Some(key),
+        match &self.kind {
+            ProblemKind::UnknownKey { key, .. }
+            | ProblemKind::Missing { key, .. }
+            | ProblemKind::Value { key, .. } => Some(key),
             _ => None,
         }
     }
 
     /// Line for sorting; what is about the whole file comes last.
     pub(crate) const fn line(&self) -> usize {
-        match self.place() {
-            Place::File { line: 0, .. } | Place::Default | Place::Override => usize::MAX,
-            Place::File { line, .. } | Place::Preset { line, .. } => *line,
+        match self.origin {
+            SettingOrigin::File { line: 0, .. } | SettingOrigin::Default | SettingOrigin::Override => {
+                usize::MAX
+            }
+            SettingOrigin::File { line, .. } | SettingOrigin::Preset { line, .. } => line,
         }
     }
 }

@@ -1,5 +1,4 @@
-//! Remarks on legal settings: what they cost or lack, or what will refuse them later; one line each, for
-//! people.
+//! Remarks on legal settings: what they cost or lack, or what will refuse them later; one line each.
 
 use foretrace_control::arm::Chain;
 use foretrace_control::follower::FollowerSettings;
@@ -33,9 +32,12 @@ pub(crate) fn notes(config: &Config) -> Vec<String> {
 /// without masses, which the law does not need, is noted.
 fn torque(config: &Config, serious: bool) -> Vec<String> {
     match config.headroom() {
-        Ok(room) => {
-            room.exceeded().into_iter().filter(|told| told.serious == serious).map(|told| told.text).collect()
-        }
+        Ok(room) => room
+            .exceeded()
+            .into_iter()
+            .filter(|remark| remark.serious == serious)
+            .map(|remark| remark.text)
+            .collect(),
         Err(_) if serious => Vec::new(),
         Err(error) => {
             vec![format!("whether the joints have the torque for these limits is not known: {error}")]
@@ -63,7 +65,7 @@ fn lowered(settings: &Settings, law: &FollowerSettings<JOINTS>) -> Option<String
         20 => law.plan_limits::<20>(),
         _ => law.plan_limits::<30>(),
     };
-    let mut told = Vec::new();
+    let mut lowered_limits = Vec::new();
     for ((name, limits), asked) in ["x", "y", "z"].iter().zip(&limits).zip(&law.mpc.axes) {
         let pairs = [
             ("velocity_mps", limits.velocity_mps, asked.velocity_mps),
@@ -71,13 +73,14 @@ fn lowered(settings: &Settings, law: &FollowerSettings<JOINTS>) -> Option<String
             ("jerk_mps3", limits.jerk_mps3, asked.jerk_mps3),
         ];
         let lowered = pairs.into_iter().filter(|(_, counts, asked)| *counts < asked * (1.0 - WORTH));
-        told.extend(lowered.map(|(key, counts, asked)| format!("{name}.{key} {asked} to {counts:.3}")));
+        lowered_limits
+            .extend(lowered.map(|(key, counts, asked)| format!("{name}.{key} {asked} to {counts:.3}")));
     }
-    (!told.is_empty()).then(|| {
+    (!lowered_limits.is_empty()).then(|| {
         format!(
             "mpc.limits are lowered to what the joints give, or to what a plan of {} ms sees a stop from: {}",
             settings.plan_step_s() * 1e3 * f64::from(settings.mpc.horizon),
-            told.join(", ")
+            lowered_limits.join(", ")
         )
     })
 }

@@ -15,7 +15,7 @@ use crate::check::Findings;
 use crate::clearance::{clearance, pressed};
 use crate::presets;
 use crate::settings::{PlaneSection, RobotSection, Settings};
-use crate::written::Place;
+use crate::written::SettingOrigin;
 
 /// Joints that the wire carries.
 pub const JOINTS: usize = 6;
@@ -82,7 +82,10 @@ pub(crate) fn robot(settings: &Settings, report: &mut Findings<'_>) -> Option<Ro
 /// pen.
 fn tool_of_another(section: &RobotSection, report: &mut Findings<'_>) {
     let preset = |key: &str| {
-        report.found.get(key).is_none_or(|node| matches!(node.place, Place::Preset { .. } | Place::Default))
+        report
+            .found
+            .get(key)
+            .is_none_or(|node| matches!(node.origin, SettingOrigin::Preset { .. } | SettingOrigin::Default))
     };
     let own = if presets::robot(&section.urdf).is_none() && !preset("robot.urdf") {
         "robot.urdf"

@@ -7,9 +7,9 @@
 use std::collections::BTreeMap;
 
 use crate::nearest::unit_of;
-use crate::problem::Problem;
-use crate::value::Value;
-use crate::written::{Node, Place};
+use crate::problem::{Problem, ProblemKind};
+use crate::value::SettingValue;
+use crate::written::{Node, SettingOrigin};
 
 /// What a key accepts; for a list, what each element accepts.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -48,7 +48,7 @@ pub enum Change {
 
 /// One key of a section, relative to it.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Field {
+pub(crate) struct KeySpec {
     pub(crate) name: &'static str,
     pub(crate) meaning: &'static str,
     pub(crate) legal: Legal,
@@ -64,11 +64,9 @@ pub struct Key {
     pub section: String,
     /// Full name, for example `mpc.limits.x.jerk_mps3`.
     pub path: String,
-    /// What it means.
     pub meaning: String,
     /// Unit, or nothing for a plain number.
     pub unit: &'static str,
-    /// What it accepts.
     pub legal: Legal,
     /// Shape and range in words, for example `3 numbers, -10 to 10 m`.
     pub legal_text: String,
@@ -83,7 +81,7 @@ pub struct Key {
 /// A section as meant: made by `section!`.
 pub(crate) trait Section: Sized {
     /// Reads every key under `at`; `None` when one of them is a problem (which is then in `reader`).
-    fn read(reader: &mut Reader<'_>, at: &str) -> Option<Self>;
+    fn read(reader: &mut SectionReader<'_>, at: &str) -> Option<Self>;
     /// Calls `entry` with every key under `at` and its value as TOML (`None`: not set), in the order of
     /// declaration.
     fn write(&self, at: &str, entry: &mut dyn FnMut(String, Option<String>));
@@ -104,7 +102,7 @@ impl Table {
         self.sections.push((at.to_owned(), plain(title)));
     }
 
-    pub(crate) fn key<V: Value>(&mut self, at: &str, field: &Field) {
+    pub(crate) fn key<V: SettingValue>(&mut self, at: &str, field: &KeySpec) {
         let unit = unit_of(field.name);
         self.keys.push(Key {
             section: at.to_owned(),
@@ -159,39 +157,39 @@ fn plain(doc: &str) -> String {
 }
 
 /// The values to read from, and the problems found so far.
-pub(crate) struct Reader<'a> {
+pub(crate) struct SectionReader<'a> {
     pub(crate) found: &'a BTreeMap<String, Node>,
     /// The file as a whole, for what is missing in it.
-    pub(crate) whole: &'a Place,
+    pub(crate) whole: &'a SettingOrigin,
     pub(crate) problems: &'a mut Vec<Problem>,
 }
 
-impl Reader<'_> {
+impl SectionReader<'_> {
     /// Reads one key and checks it by its rule.
-    pub(crate) fn key<V: Value>(&mut self, at: &str, field: &Field) -> Option<V> {
+    pub(crate) fn key<V: SettingValue>(&mut self, at: &str, field: &KeySpec) -> Option<V> {
         let path = joined(at, field.name);
         let rule =
-            Rule { key: &path, legal: field.legal, unit: unit_of(field.name), advice: field.start_with };
+            ValueRule { key: &path, legal: field.legal, unit: unit_of(field.name), advice: field.start_with };
         if let Some(node) = self.found.get(&path) {
             return V::read(node, &rule, self.problems);
         }
         if let Some(absent) = V::absent() {
             return Some(absent);
         }
-        self.problems.push(Problem::Missing {
-            place: self.whole.clone(),
+        let kind = ProblemKind::Missing {
             key: path.clone(),
             section: at.to_owned(),
             example: format!("`{} = ...`", field.name),
             legal: format!("{}; start with {}", V::shape(&field.legal.text(rule.unit)), field.start_with),
-        });
+        };
+        self.problems.push(Problem::new(self.whole, kind));
         None
     }
 }
 
 /// How to check one value.
 #[derive(Clone, Copy)]
-pub(crate) struct Rule<'a> {
+pub(crate) struct ValueRule<'a> {
     pub(crate) key: &'a str,
     pub(crate) legal: Legal,
     pub(crate) unit: &'static str,
@@ -219,9 +217,9 @@ macro_rules! section {
 
         impl $crate::schema::Section for $Name {
             #[allow(unused_variables)]
-            fn read(reader: &mut $crate::schema::Reader<'_>, at: &str) -> Option<Self> {
+            fn read(reader: &mut $crate::schema::SectionReader<'_>, at: &str) -> Option<Self> {
                 // Every key is read before the first `?`, so that all problems are reported at once.
-                $( let $field = reader.key::<$Type>(at, &$crate::schema::Field {
+                $( let $field = reader.key::<$Type>(at, &$crate::schema::KeySpec {
                     name: stringify!($field), meaning: concat!($($meaning),+), legal: $legal,
                         presence: $presence,
                     change: $crate::schema::Change::$change, start_with: $start,
@@ -235,7 +233,7 @@ macro_rules! section {
             fn write(&self, at: &str, entry: &mut dyn FnMut(String, Option<String>)) {
                 $( entry(
                     $crate::schema::joined(at, stringify!($field)),
-                    $crate::value::Value::write(&self.$field),
+                    $crate::value::SettingValue::write(&self.$field),
                 ); )*
                 $($( $crate::schema::Section::write(&self.$sub, &$crate::schema::joined(at, $at), entry); )*)?
             }
@@ -243,7 +241,7 @@ macro_rules! section {
             #[allow(unused_variables)]
             fn describe(at: &str, table: &mut $crate::schema::Table) {
                 table.section(at, concat!($($title),+));
-                $( table.key::<$Type>(at, &$crate::schema::Field {
+                $( table.key::<$Type>(at, &$crate::schema::KeySpec {
                     name: stringify!($field), meaning: concat!($($meaning),+), legal: $legal,
                         presence: $presence,
                     change: $crate::schema::Change::$change, start_with: $start,
@@ -276,9 +274,9 @@ macro_rules! words {
             }
         }
 
-        impl $crate::value::Value for $Name {
+        impl $crate::value::SettingValue for $Name {
             fn read(
-                node: &$crate::written::Node, rule: &$crate::schema::Rule<'_>,
+                node: &$crate::written::Node, rule: &$crate::schema::ValueRule<'_>,
                 problems: &mut Vec<$crate::problem::Problem>,
             ) -> Option<Self> {
                 match $crate::value::word(node, rule, problems)? {

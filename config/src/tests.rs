@@ -3,9 +3,10 @@
 use std::path::PathBuf;
 
 use crate::live::values;
-use crate::render::commented;
-use crate::{Config, ConfigError, Draft, Place, Problem, key_table, presets};
+use crate::{Config, ConfigError, Draft, Problem, SettingOrigin, presets};
+use documents::{commented, key_table};
 
+mod documents;
 mod wrong;
 mod arm;
 mod headroom;
@@ -47,7 +48,7 @@ fn a_preset_over_another_has_only_what_differs_and_says_where_each_value_stands(
     let [of_below, of_above] = [&below, &above].map(|config| values(config.settings()));
     let mut own = Vec::new();
     for key in crate::keys() {
-        let Some(Place::Preset { name, line }) = above.origin(&key.path) else { continue };
+        let Some(SettingOrigin::Preset { name, line }) = above.origin(&key.path) else { continue };
         let text = presets::text(name).unwrap().lines().nth(line - 1).unwrap();
         let bare = key.path.rsplit('.').next().unwrap();
         assert!(text.starts_with(&format!("{bare} = ")), "{}: {name}:{line} is {text}", key.path);

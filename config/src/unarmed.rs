@@ -3,9 +3,8 @@
 use foretrace_control::follower::Refusal;
 
 use crate::config::Config;
-use crate::problem::Problem;
+use crate::problem::{Problem, ProblemKind, ValueFlaw};
 
-/// Why not.
 pub(crate) fn at_home(config: &Config) -> Option<Problem> {
     const KEY: &str = "robot.home_rad";
     let (law, home) = (config.follower_settings(), &config.robot().home);
@@ -30,12 +29,11 @@ pub(crate) fn at_home(config: &Config) -> Option<Problem> {
         // Home outside the joint limits is reported where the limits are read.
         _ => return None,
     };
-    let place = config.origin(KEY).cloned()?;
-    Some(Problem::Conflict {
-        place,
-        key: KEY.to_owned(),
-        value: format!("{home:?}"),
+    let origin = config.origin(KEY).cloned()?;
+    let flaw = ValueFlaw::Conflict {
         conflict: format!("{why}, so that an arm at home, as the simulated one, can never be armed"),
         remedy: "choose robot.home_rad, robot.tool_m and plane.origin_m together".to_owned(),
-    })
+    };
+    let kind = ProblemKind::Value { key: KEY.to_owned(), value: format!("{home:?}"), flaw };
+    Some(Problem { origin, kind })
 }

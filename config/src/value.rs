@@ -4,13 +4,13 @@
 //! gives reads back as the same value, bit for bit.
 
 use crate::nearest::{nearest, unit_slip};
-use crate::problem::Problem;
-use crate::schema::{Legal, Rule};
+use crate::problem::{Problem, ValueFlaw};
+use crate::schema::{Legal, ValueRule};
 use crate::written::{Node, Raw};
 
-pub(crate) trait Value: Sized {
+pub(crate) trait SettingValue: Sized {
     /// The value of `node`, if it is legal.
-    fn read(node: &Node, rule: &Rule<'_>, problems: &mut Vec<Problem>) -> Option<Self>;
+    fn read(node: &Node, rule: &ValueRule<'_>, problems: &mut Vec<Problem>) -> Option<Self>;
     /// As TOML; `None` for an optional key that is not set.
     fn write(&self) -> Option<String>;
     /// The value of a key that is not written, where that is legal.
@@ -27,20 +27,16 @@ pub(crate) trait Value: Sized {
     }
 }
 
-impl Value for f64 {
-    fn read(node: &Node, rule: &Rule<'_>, problems: &mut Vec<Problem>) -> Option<Self> {
+impl SettingValue for f64 {
+    fn read(node: &Node, rule: &ValueRule<'_>, problems: &mut Vec<Problem>) -> Option<Self> {
         let value = match node.raw {
             Raw::Real(value) => value,
             Raw::Whole(value) => value as f64,
             _ => return wrong_type(node, rule, "a number", problems),
         };
         if !value.is_finite() {
-            problems.push(Problem::NotFinite {
-                place: node.place.clone(),
-                key: rule.key.to_owned(),
-                value: node.text.clone(),
-                legal: rule.legal.text(rule.unit),
-            });
+            let legal = rule.legal.text(rule.unit);
+            problems.push(node.flawed(rule.key, ValueFlaw::NotFinite { legal }));
             return None;
         }
         in_range(value, node, rule, problems)
@@ -52,8 +48,8 @@ impl Value for f64 {
     }
 }
 
-impl Value for u32 {
-    fn read(node: &Node, rule: &Rule<'_>, problems: &mut Vec<Problem>) -> Option<Self> {
+impl SettingValue for u32 {
+    fn read(node: &Node, rule: &ValueRule<'_>, problems: &mut Vec<Problem>) -> Option<Self> {
         let Raw::Whole(value) = node.raw else {
             return wrong_type(node, rule, "a whole number", problems);
         };
@@ -71,8 +67,8 @@ impl Value for u32 {
     }
 }
 
-impl Value for bool {
-    fn read(node: &Node, rule: &Rule<'_>, problems: &mut Vec<Problem>) -> Option<Self> {
+impl SettingValue for bool {
+    fn read(node: &Node, rule: &ValueRule<'_>, problems: &mut Vec<Problem>) -> Option<Self> {
         match node.raw {
             Raw::Flag(value) => Some(value),
             _ => wrong_type(node, rule, "true or false", problems),
@@ -84,8 +80,8 @@ impl Value for bool {
     }
 }
 
-impl Value for String {
-    fn read(node: &Node, rule: &Rule<'_>, problems: &mut Vec<Problem>) -> Option<Self> {
+impl SettingValue for String {
+    fn read(node: &Node, rule: &ValueRule<'_>, problems: &mut Vec<Problem>) -> Option<Self> {
         match &node.raw {
             Raw::Text(text) if !text.trim().is_empty() => Some(text.clone()),
             _ => wrong_type(node, rule, "a text in quotes, not empty", problems),
@@ -97,13 +93,13 @@ impl Value for String {
     }
 }
 
-impl<V: Value> Value for Option<V> {
-    fn read(node: &Node, rule: &Rule<'_>, problems: &mut Vec<Problem>) -> Option<Self> {
+impl<V: SettingValue> SettingValue for Option<V> {
+    fn read(node: &Node, rule: &ValueRule<'_>, problems: &mut Vec<Problem>) -> Option<Self> {
         V::read(node, rule, problems).map(Some)
     }
 
     fn write(&self) -> Option<String> {
-        self.as_ref().and_then(Value::write)
+        self.as_ref().and_then(SettingValue::write)
     }
 
     fn absent() -> Option<Self> {
@@ -115,8 +111,8 @@ impl<V: Value> Value for Option<V> {
     }
 }
 
-impl<V: Value, const N: usize> Value for [V; N] {
-    fn read(node: &Node, rule: &Rule<'_>, problems: &mut Vec<Problem>) -> Option<Self> {
+impl<V: SettingValue, const N: usize> SettingValue for [V; N] {
+    fn read(node: &Node, rule: &ValueRule<'_>, problems: &mut Vec<Problem>) -> Option<Self> {
         let wanted = Self::shape(&rule.legal.text(rule.unit));
         match &node.raw {
             Raw::List(list) if list.len() == N => elements(list, rule, problems)?.try_into().ok(),
@@ -138,8 +134,8 @@ impl<V: Value, const N: usize> Value for [V; N] {
     }
 }
 
-impl<V: Value> Value for Vec<V> {
-    fn read(node: &Node, rule: &Rule<'_>, problems: &mut Vec<Problem>) -> Option<Self> {
+impl<V: SettingValue> SettingValue for Vec<V> {
+    fn read(node: &Node, rule: &ValueRule<'_>, problems: &mut Vec<Problem>) -> Option<Self> {
         match &node.raw {
             Raw::List(list) if !list.is_empty() => elements(list, rule, problems),
             _ => wrong_type(node, rule, &Self::shape(&rule.legal.text(rule.unit)), problems),
@@ -156,7 +152,7 @@ impl<V: Value> Value for Vec<V> {
 }
 
 /// The legal word in `node`.
-pub(crate) fn word<'n>(node: &'n Node, rule: &Rule<'_>, problems: &mut Vec<Problem>) -> Option<&'n str> {
+pub(crate) fn word<'n>(node: &'n Node, rule: &ValueRule<'_>, problems: &mut Vec<Problem>) -> Option<&'n str> {
     let Legal::Words(words) = rule.legal else {
         return None;
     };
@@ -167,23 +163,22 @@ pub(crate) fn word<'n>(node: &'n Node, rule: &Rule<'_>, problems: &mut Vec<Probl
         return Some(text);
     }
     let hint = nearest(text, words.iter().copied());
-    problems.push(Problem::NotOneOf {
-        place: node.place.clone(),
-        key: rule.key.to_owned(),
-        value: node.text.clone(),
-        legal: rule.legal.text(""),
-        hint: hint.map_or_else(String::new, |word| format!(": did you mean {word:?}?")),
-    });
+    let hint = hint.map_or_else(String::new, |word| format!(": did you mean {word:?}?"));
+    problems.push(node.flawed(rule.key, ValueFlaw::NotOneOf { legal: rule.legal.text(""), hint }));
     None
 }
 
-fn elements<V: Value>(list: &[Node], rule: &Rule<'_>, problems: &mut Vec<Problem>) -> Option<Vec<V>> {
+fn elements<V: SettingValue>(
+    list: &[Node],
+    rule: &ValueRule<'_>,
+    problems: &mut Vec<Problem>,
+) -> Option<Vec<V>> {
     let read: Vec<Option<V>> = list
         .iter()
         .enumerate()
         .map(|(i, node)| {
             let before = problems.len();
-            let value = V::read(node, &Rule { key: &format!("{}[{i}]", rule.key), ..*rule }, problems);
+            let value = V::read(node, &ValueRule { key: &format!("{}[{i}]", rule.key), ..*rule }, problems);
             if list.iter().take(i).any(|earlier| earlier.text == node.text) {
                 // The same mistake in every element is reported once.
                 problems.truncate(before);
@@ -194,48 +189,30 @@ fn elements<V: Value>(list: &[Node], rule: &Rule<'_>, problems: &mut Vec<Problem
     read.into_iter().collect()
 }
 
-fn list<V: Value>(values: &[V]) -> Option<String> {
-    let all: Option<Vec<String>> = values.iter().map(Value::write).collect();
+fn list<V: SettingValue>(values: &[V]) -> Option<String> {
+    let all: Option<Vec<String>> = values.iter().map(SettingValue::write).collect();
     Some(format!("[{}]", all?.join(", ")))
 }
 
-fn in_range(value: f64, node: &Node, rule: &Rule<'_>, problems: &mut Vec<Problem>) -> Option<f64> {
-    let (place, key, written) = (node.place.clone(), rule.key.to_owned(), node.text.clone());
-    match rule.legal {
+fn in_range(value: f64, node: &Node, rule: &ValueRule<'_>, problems: &mut Vec<Problem>) -> Option<f64> {
+    let legal = || rule.legal.text(rule.unit);
+    let flaw = match rule.legal {
         Legal::Between(min, max) if !(min..=max).contains(&value) => {
             let remedy = unit_slip(value, min, max, rule.unit)
                 .unwrap_or_else(|| format!("start with {}", rule.advice));
-            problems.push(Problem::OutOfRange {
-                place,
-                key,
-                value: written,
-                legal: rule.legal.text(rule.unit),
-                remedy,
-            });
-            None
+            ValueFlaw::OutOfRange { legal: legal(), remedy }
         }
         Legal::OneOf(numbers) if !numbers.contains(&value) => {
-            let hint = format!(": start with {}", rule.advice);
-            problems.push(Problem::NotOneOf {
-                place,
-                key,
-                value: written,
-                legal: rule.legal.text(rule.unit),
-                hint,
-            });
-            None
+            ValueFlaw::NotOneOf { legal: legal(), hint: format!(": start with {}", rule.advice) }
         }
-        _ => Some(value),
-    }
+        _ => return Some(value),
+    };
+    problems.push(node.flawed(rule.key, flaw));
+    None
 }
 
-fn wrong_type<V>(node: &Node, rule: &Rule<'_>, wanted: &str, problems: &mut Vec<Problem>) -> Option<V> {
-    problems.push(Problem::WrongType {
-        place: node.place.clone(),
-        key: rule.key.to_owned(),
-        value: node.text.clone(),
-        found: node.raw.kind(),
-        wanted: format!("{wanted} ({})", rule.legal.text(rule.unit)),
-    });
+fn wrong_type<V>(node: &Node, rule: &ValueRule<'_>, wanted: &str, problems: &mut Vec<Problem>) -> Option<V> {
+    let wanted = format!("{wanted} ({})", rule.legal.text(rule.unit));
+    problems.push(node.flawed(rule.key, ValueFlaw::WrongType { found: node.raw.kind(), wanted }));
     None
 }

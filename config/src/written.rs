@@ -10,11 +10,11 @@ use std::sync::Arc;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-use crate::problem::Problem;
+use crate::problem::{Problem, ProblemKind, ValueFlaw};
 
 /// Where a value comes from.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Place {
+pub enum SettingOrigin {
     /// A line of a settings file, counted from 1; line 0 is the file as a whole.
     File {
         /// Path as the user gave it.
@@ -35,7 +35,7 @@ pub enum Place {
     Override,
 }
 
-impl fmt::Display for Place {
+impl fmt::Display for SettingOrigin {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::File { path, line: 0 } => write!(f, "{path}"),
@@ -52,9 +52,17 @@ impl fmt::Display for Place {
 #[derive(Debug, Clone)]
 pub(crate) struct Node {
     pub(crate) raw: Raw,
-    pub(crate) place: Place,
+    pub(crate) origin: SettingOrigin,
     /// The text in the file, on one line, shortened.
     pub(crate) text: String,
+}
+
+impl Node {
+    /// The problem that this value of `key` is.
+    pub(crate) fn flawed(&self, key: &str, flaw: ValueFlaw) -> Problem {
+        let (key, value) = (key.to_owned(), self.text.clone());
+        Problem::new(&self.origin, ProblemKind::Value { key, value, flaw })
+    }
 }
 
 /// The kinds of values that TOML knows, as far as settings use them.
@@ -89,27 +97,27 @@ impl Raw {
 /// follow wrong.
 const SYNTAX_ERRORS: usize = 8;
 
-/// Parses TOML `text` into the entries of its root table; `place` is the source as a whole (line 0).
+/// Parses TOML `text` into the entries of its root table; `origin` is the source as a whole (line 0).
 ///
 /// # Errors
 ///
 /// Every syntax error that the parser can recover from is pushed to `problems`; what could be read
 /// is still returned, so that the settings in it are judged in the same go.
-pub(crate) fn parse(text: &str, place: &Place, problems: &mut Vec<Problem>) -> Vec<(String, Node)> {
+pub(crate) fn parse(text: &str, origin: &SettingOrigin, problems: &mut Vec<Problem>) -> Vec<(String, Node)> {
     let lines = Lines::new(text);
     let (root, errors) = DeTable::parse_recoverable(text);
-    let mut told: BTreeSet<usize> = BTreeSet::new();
+    let mut reported: BTreeSet<usize> = BTreeSet::new();
     let mut next = None;
     for error in &errors {
         let line = error.span().map_or(0, |span| lines.line(span.start));
         // The parser repeats itself at every level of nesting, and where a bracket is missing on every line
         // that follows.
-        if !told.insert(line) {
+        if !reported.insert(line) {
             continue;
         }
-        if told.len() <= SYNTAX_ERRORS {
+        if reported.len() <= SYNTAX_ERRORS {
             let what = error.message().split_whitespace().collect::<Vec<_>>().join(" ");
-            problems.push(Problem::Syntax { place: at_line(place, line), what });
+            problems.push(Problem::new(&at_line(origin, line), ProblemKind::Syntax(what)));
         } else {
             next = next.or(Some(line));
         }
@@ -117,26 +125,26 @@ pub(crate) fn parse(text: &str, place: &Place, problems: &mut Vec<Problem>) -> V
     if let Some(line) = next {
         let what = format!(
             "from here on {} more lines cannot be read, probably because of those above",
-            told.len() - SYNTAX_ERRORS
+            reported.len() - SYNTAX_ERRORS
         );
-        problems.push(Problem::Syntax { place: at_line(place, line), what });
+        problems.push(Problem::new(&at_line(origin, line), ProblemKind::Syntax(what)));
     }
     // A broken line leaves half-read values: checking them would hide the cause among its consequences.
-    if errors.is_empty() { entries(root.get_ref(), &lines, place) } else { Vec::new() }
+    if errors.is_empty() { entries(root.get_ref(), &lines, origin) } else { Vec::new() }
 }
 
-fn entries(table: &DeTable<'_>, lines: &Lines<'_>, place: &Place) -> Vec<(String, Node)> {
+fn entries(table: &DeTable<'_>, lines: &Lines<'_>, origin: &SettingOrigin) -> Vec<(String, Node)> {
     let mut all: Vec<(usize, String, Node)> = table
         .iter()
         .map(|(key, value)| {
-            (key.span().start, key.get_ref().to_string(), node(key.span().start, value, lines, place))
+            (key.span().start, key.get_ref().to_string(), node(key.span().start, value, lines, origin))
         })
         .collect();
     all.sort_by_key(|entry| entry.0);
     all.into_iter().map(|(_, key, node)| (key, node)).collect()
 }
 
-fn node(start: usize, value: &Spanned<DeValue<'_>>, lines: &Lines<'_>, place: &Place) -> Node {
+fn node(start: usize, value: &Spanned<DeValue<'_>>, lines: &Lines<'_>, origin: &SettingOrigin) -> Node {
     let raw = match value.get_ref() {
         DeValue::String(text) => Raw::Text(text.to_string()),
         DeValue::Integer(number) => i64::from_str_radix(number.as_str(), number.radix())
@@ -145,19 +153,19 @@ fn node(start: usize, value: &Spanned<DeValue<'_>>, lines: &Lines<'_>, place: &P
         DeValue::Boolean(flag) => Raw::Flag(*flag),
         DeValue::Datetime(_) => Raw::Other("a date"),
         DeValue::Array(list) => {
-            Raw::List(list.iter().map(|element| node(element.span().start, element, lines, place)).collect())
+            Raw::List(list.iter().map(|element| node(element.span().start, element, lines, origin)).collect())
         }
-        DeValue::Table(table) => Raw::Table(entries(table, lines, place)),
+        DeValue::Table(table) => Raw::Table(entries(table, lines, origin)),
     };
-    Node { raw, place: at_line(place, lines.line(start)), text: lines.shortened(value.span()) }
+    Node { raw, origin: at_line(origin, lines.line(start)), text: lines.shortened(value.span()) }
 }
 
-fn at_line(place: &Place, line: usize) -> Place {
-    match place {
-        Place::File { path, .. } => Place::File { path: path.clone(), line },
-        Place::Preset { name, .. } => Place::Preset { name: name.clone(), line },
-        Place::Default => Place::Default,
-        Place::Override => Place::Override,
+fn at_line(origin: &SettingOrigin, line: usize) -> SettingOrigin {
+    match origin {
+        SettingOrigin::File { path, .. } => SettingOrigin::File { path: path.clone(), line },
+        SettingOrigin::Preset { name, .. } => SettingOrigin::Preset { name: name.clone(), line },
+        SettingOrigin::Default => SettingOrigin::Default,
+        SettingOrigin::Override => SettingOrigin::Override,
     }
 }
 

@@ -45,15 +45,13 @@ pub enum DaemonError {
         number: u32,
         /// Prefix of its names.
         prefix: String,
-        /// Its directory.
         root: String,
     },
     /// The system refused something.
     #[error("{what}: {source}")]
     System {
-        /// The attempt.
+        /// What the daemon tried to do.
         what: &'static str,
-        /// The system's error.
         source: std::io::Error,
     },
     /// A thread ended by a fault.
@@ -61,7 +59,6 @@ pub enum DaemonError {
     ThreadDied {
         /// Name of the thread.
         name: &'static str,
-        /// The panic's message.
         cause: String,
     },
     /// The arm did not come to rest in time, or the wait was cut short.

@@ -39,7 +39,6 @@ pub struct LawCost {
     pub p99_ns: u64,
     /// The period \[ns\].
     pub period_ns: u64,
-    /// Ticks measured.
     pub ticks: usize,
 }
 
@@ -106,12 +105,12 @@ fn measure<const N: usize>(config: &Config) -> Result<LawCost, FollowerError> {
         joints.stamp = now;
         let angle = TAU * TURNS_HZ * now.since(begin) as f64 * 1e-9;
         let sample = PenReading::new(now, [RADIUS_M * angle.cos(), RADIUS_M * angle.sin()], true);
-        let heard = now >= next_sample;
-        if heard {
+        let arrived = now >= next_sample;
+        if arrived {
             next_sample = now.plus_ns(SAMPLE_NS);
         }
         let input = StepInput {
-            pen: if heard { std::slice::from_ref(&sample) } else { &[] },
+            pen: if arrived { std::slice::from_ref(&sample) } else { &[] },
             joints: Some(&joints),
             request: (tick == 1).then_some(Request::Arm),
             ..StepInput::nothing(now)

@@ -5,8 +5,8 @@
 //! the loop continues with the weights it has, and the board reports it.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
@@ -22,19 +22,11 @@ const PAUSE: Duration = Duration::from_millis(4);
 /// Steps learned from between two looks at the orders.
 const BATCH: usize = 256;
 
-/// Figures of the learner, readable at any time.
+/// Figures of the learner, readable at any time by threads that may wait: the loop does not.
 #[derive(Debug, Default)]
-pub struct LearnerBoard {
-    updates: AtomicU64,
-    promotions: AtomicU64,
-    rollbacks: AtomicU64,
-    refused: AtomicU64,
-    overtaken: AtomicU64,
-    events_lost: AtomicU64,
-    failed: AtomicBool,
-}
+pub struct LearnerBoard(Mutex<LearnerView>);
 
-/// A snapshot of the board.
+/// A copy of the board.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct LearnerView {
     /// Grid steps learned from.
@@ -54,28 +46,22 @@ pub struct LearnerView {
 }
 
 impl LearnerBoard {
-    /// Takes a snapshot.
+    /// A copy of the figures of this moment.
     #[must_use]
     pub fn view(&self) -> LearnerView {
-        let of = |count: &AtomicU64| count.load(Ordering::Relaxed);
-        LearnerView {
-            updates: of(&self.updates),
-            promotions: of(&self.promotions),
-            rollbacks: of(&self.rollbacks),
-            refused: of(&self.refused),
-            overtaken: of(&self.overtaken),
-            events_lost: of(&self.events_lost),
-            failed: self.failed.load(Ordering::Relaxed),
-        }
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn show(&self, counters: LearnCounters) {
-        self.updates.store(counters.updates, Ordering::Relaxed);
-        let courses = counters.courses;
-        self.promotions.store(courses.promotions, Ordering::Relaxed);
-        self.rollbacks.store(courses.rollbacks, Ordering::Relaxed);
-        let refused = counters.refused + courses.poisoned + courses.abandoned;
-        self.refused.store(refused, Ordering::Relaxed);
+    fn change(&self, change: impl FnOnce(&mut LearnerView)) {
+        change(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner));
+    }
+
+    fn show(&self, LearnCounters { updates, refused, courses, .. }: LearnCounters) {
+        self.change(|view| {
+            (view.updates, view.promotions, view.rollbacks) =
+                (updates, courses.promotions, courses.rollbacks);
+            view.refused = refused + courses.poisoned + courses.abandoned;
+        });
     }
 }
 
@@ -93,7 +79,6 @@ pub enum LearnerEvent {
 /// What the supervisor may change while it runs.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LearnerOrder {
-    /// Whether to learn.
     pub enabled: bool,
     /// Rules from now on; the live weights stay.
     pub settings: LearnerSettings,
@@ -102,7 +87,6 @@ pub struct LearnerOrder {
 /// Channels of the thread besides its rings.
 #[derive(Debug)]
 pub struct LearnerLinks {
-    /// The figures.
     pub board: Arc<LearnerBoard>,
     /// Events for the log.
     pub events: Sender<LearnerEvent>,
@@ -116,16 +100,16 @@ pub struct LearnerLinks {
 
 impl LearnerLinks {
     /// Sends an event, or counts it as lost. Not counted once the receiver is gone.
-    fn tell(&self, event: LearnerEvent) {
+    fn report(&self, event: LearnerEvent) {
         if let Err(TrySendError::Full(_)) = self.events.try_send(event) {
-            self.board.events_lost.fetch_add(1, Ordering::Relaxed);
+            self.board.change(|view| view.events_lost += 1);
         }
     }
 
     /// Sends a copy of a set that the loop will find, or counts it as lost.
     fn copy(&self, weights: &OnlineWeights) {
         if let Err(TrySendError::Full(_)) = self.copies.try_send(Box::new(*weights)) {
-            self.board.events_lost.fetch_add(1, Ordering::Relaxed);
+            self.board.change(|view| view.events_lost += 1);
         }
     }
 }
@@ -148,14 +132,15 @@ pub fn spawn(
 /// Runs `work`; a panic is reported and ends this thread only.
 fn guarded(links: &LearnerLinks, work: impl FnOnce()) {
     if let Err(panic) = catch_unwind(AssertUnwindSafe(work)) {
-        let text = panic
-            .downcast_ref::<&str>()
-            .map(|text| (*text).to_owned())
-            .or_else(|| panic.downcast_ref::<String>().cloned())
-            .unwrap_or_else(|| "unknown cause".to_owned());
-        links.board.failed.store(true, Ordering::Relaxed);
-        links.tell(LearnerEvent::Failed(text));
+        links.board.change(|view| view.failed = true);
+        links.report(LearnerEvent::Failed(panic_text(panic.as_ref())));
     }
+}
+
+/// The message of a panic.
+pub(crate) fn panic_text(panic: &(dyn std::any::Any + Send)) -> String {
+    let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
+    text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_else(|| "unknown cause".to_owned())
 }
 
 fn run(mut learner: Learner, mut enabled: bool, mut rings: LearnerRings, links: &LearnerLinks) {
@@ -165,7 +150,7 @@ fn run(mut learner: Learner, mut enabled: bool, mut rings: LearnerRings, links: 
             if order.settings != *learner.settings() {
                 let renewed = Learner::from_weights(order.settings, learner.models(), *learner.weights());
                 let outcome = renewed.map(|renewed| learner = renewed);
-                links.tell(LearnerEvent::Rules(outcome));
+                links.report(LearnerEvent::Rules(outcome));
             }
         }
         let mut learned = 0;
@@ -178,10 +163,10 @@ fn run(mut learner: Learner, mut enabled: bool, mut rings: LearnerRings, links: 
             }
             let lesson = learner.learn(&step);
             for promotion in lesson.promotions() {
-                links.tell(LearnerEvent::Promoted(*promotion));
+                links.report(LearnerEvent::Promoted(*promotion));
             }
             if lesson.hand_over && rings.weights.announce() {
-                links.board.overtaken.fetch_add(1, Ordering::Relaxed);
+                links.board.change(|view| view.overtaken += 1);
             }
         }
         links.board.show(learner.counters());
@@ -200,7 +185,7 @@ mod tests {
     use crossbeam::channel;
 
     use foretrace_control::pen::Motion;
-    use foretrace_control::predict::LearnStep;
+    use foretrace_control::predict::{LearnStep, PenStep};
     use foretrace_control::predict::{ModelSettings, Models, Networks};
 
     use super::*;
@@ -239,7 +224,8 @@ mod tests {
     fn circle(index: u64) -> LearnStep {
         let angle = index as f64 * 0.094;
         let x = [10.0 * angle.cos(), 10.0 * angle.sin()];
-        LearnStep { index, x, motion: Motion::Continues, contact: true, ..LearnStep::default() }
+        let (motion, pen) = (Motion::Continues, PenStep { x, ..PenStep::default() });
+        LearnStep { index, motion, pen, ..LearnStep::default() }
     }
 
     fn take(mailbox: &mut Mailbox<OnlineWeights>) -> Option<OnlineWeights> {

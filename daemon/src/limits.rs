@@ -24,7 +24,7 @@ const ROOM_BYTES: usize = 8 << 20;
 const PAGE_BYTES: u64 = 4096;
 
 /// A limit, by its name in `/proc/self/limits`.
-struct Known {
+struct KnownLimit {
     name: &'static str,
     words: &'static str,
     option: &'static str,
@@ -34,17 +34,23 @@ struct Known {
     unit: u64,
 }
 
-const KNOWN: [Known; 4] = [
-    Known { name: "Max open files", words: "open files", option: "-n", low: 256, unit: 1 },
-    Known { name: "Max file size", words: "size of a file in KiB", option: "-f", low: 256 << 20, unit: 1024 },
-    Known {
+const KNOWN: [KnownLimit; 4] = [
+    KnownLimit { name: "Max open files", words: "open files", option: "-n", low: 256, unit: 1 },
+    KnownLimit {
+        name: "Max file size",
+        words: "size of a file in KiB",
+        option: "-f",
+        low: 256 << 20,
+        unit: 1024,
+    },
+    KnownLimit {
         name: "Max address space",
         words: "address space in KiB",
         option: "-v",
         low: 1 << 30,
         unit: 1024,
     },
-    Known { name: "Max processes", words: "processes and threads", option: "-u", low: 128, unit: 1 },
+    KnownLimit { name: "Max processes", words: "processes and threads", option: "-u", low: 128, unit: 1 },
 ];
 
 /// Why a daemon was not started.
@@ -72,7 +78,7 @@ pub fn check() -> Result<(), TooLow> {
 fn check_in(table: &str) -> Result<(), TooLow> {
     for (known, least) in KNOWN.iter().zip([FILES, FILE_BYTES]) {
         if let Some(now) = soft(table, known.name).filter(|now| *now < least) {
-            let Known { words, option, unit, .. } = *known;
+            let KnownLimit { words, option, unit, .. } = *known;
             return Err(TooLow { words, option, now: now / unit, least: least / unit });
         }
     }
@@ -87,7 +93,7 @@ pub fn low() -> Option<String> {
 
 fn low_in(table: &str) -> Option<String> {
     let mut list = String::new();
-    for Known { name, words, option, low, unit } in &KNOWN {
+    for KnownLimit { name, words, option, low, unit } in &KNOWN {
         if let Some(now) = soft(table, name).filter(|now| now < low) {
             let comma = if list.is_empty() { "" } else { ", " };
             // Writing to a string does not fail.

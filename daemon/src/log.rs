@@ -19,7 +19,7 @@ const WAITING: usize = 1024;
 /// Time for which an ending program waits for its last messages to be written.
 const PATIENCE: Duration = Duration::from_millis(500);
 
-enum Item {
+enum LogItem {
     Line(Vec<u8>),
     /// Answered when everything before it has been written.
     Mark(Sender<()>),
@@ -28,7 +28,7 @@ enum Item {
 /// Handle of the writer; clones write to the same.
 #[derive(Debug, Clone)]
 pub(crate) struct Messages {
-    items: Sender<Item>,
+    items: Sender<LogItem>,
     lost: Arc<AtomicU64>,
 }
 
@@ -55,7 +55,7 @@ impl Messages {
     }
 }
 
-fn write_all(items: &Receiver<Item>, lost: &AtomicU64, mut out: impl Write) {
+fn write_all(items: &Receiver<LogItem>, lost: &AtomicU64, mut out: impl Write) {
     for item in items {
         let missing = lost.swap(0, Ordering::Relaxed);
         // An error of the output cannot be reported anywhere.
@@ -63,8 +63,8 @@ fn write_all(items: &Receiver<Item>, lost: &AtomicU64, mut out: impl Write) {
             let _ = writeln!(out, "{missing} messages lost: the output was blocked");
         }
         match item {
-            Item::Line(line) => drop(out.write_all(&line)),
-            Item::Mark(done) => {
+            LogItem::Line(line) => drop(out.write_all(&line)),
+            LogItem::Mark(done) => {
                 let _ = out.flush();
                 let _ = done.try_send(());
             }
@@ -77,7 +77,7 @@ impl Write for Messages {
     fn write(&mut self, line: &[u8]) -> io::Result<usize> {
         if let Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) = self
             .items
-            .try_send(Item::Line(plain_log(&String::from_utf8_lossy(line)).into_owned().into_bytes()))
+            .try_send(LogItem::Line(plain_log(&String::from_utf8_lossy(line)).into_owned().into_bytes()))
         {
             self.lost.fetch_add(1, Ordering::Relaxed);
         }
@@ -100,7 +100,7 @@ impl<'a> MakeWriter<'a> for Messages {
 impl Drop for LogGuard {
     fn drop(&mut self) {
         let (done, written) = bounded(1);
-        if self.0.items.send_timeout(Item::Mark(done), PATIENCE).is_ok() {
+        if self.0.items.send_timeout(LogItem::Mark(done), PATIENCE).is_ok() {
             let _ = written.recv_timeout(PATIENCE);
         }
     }
@@ -131,12 +131,12 @@ mod tests {
     }
 
     #[test]
-    fn nobody_waits_for_a_reader_that_does_not_read_and_what_is_lost_is_told() {
+    fn nobody_waits_for_a_reader_that_does_not_read_and_what_is_lost_is_reported() {
         let reader = Reader::default();
         let (mut messages, guard) = Messages::to(reader.clone()).unwrap();
         let gate = reader.stopped.lock().unwrap();
-        let said = WAITING + 500;
-        for number in 0..said {
+        let sent = WAITING + 500;
+        for number in 0..sent {
             messages.write_all(format!("message {number}\n").as_bytes()).unwrap();
         }
         let since = Instant::now();
@@ -158,7 +158,7 @@ mod tests {
         assert!(written >= WAITING, "{written}");
         // The very last messages may be pending when this ends.
         assert!(
-            written + lost + usize::from(text.contains("later")) >= said,
+            written + lost + usize::from(text.contains("later")) >= sent,
             "{written} written, {lost} lost"
         );
     }

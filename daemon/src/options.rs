@@ -44,7 +44,6 @@ impl Source {
         Self { base: Base::File(path.into()), rate_hz: None, overrides: Vec::new() }
     }
 
-    /// Adds an override.
     #[must_use]
     pub fn with(mut self, key: &str, value: impl ToString) -> Self {
         self.overrides.push((key.to_owned(), value.to_string()));
@@ -103,27 +102,19 @@ impl Rights {
     #[must_use]
     pub fn rt_settings(self, settings: &Settings) -> RtSettings {
         let section = &settings.control_loop;
-        let max_iterations = settings.mpc.max_iterations;
         let period_ns = settings.period_ns();
         let overruns = OverrunLimit {
             share: settings.safety.late_ticks_max,
             window: (settings.safety.late_ticks_window_ms * 1e6 / period_ns as f64).round() as usize,
         };
-        match self {
-            Self::Ask => RtSettings {
-                rhythm: Rhythm { period_ns, spin_ns: u64::from(section.spin_us) * 1000 },
-                priority: Some(section.priority),
-                cpu: section.cpu.map(|cpu| cpu as usize),
-                max_iterations,
-                overruns,
-            },
-            Self::Leave => RtSettings {
-                rhythm: Rhythm { period_ns, spin_ns: 0 },
-                priority: None,
-                cpu: None,
-                max_iterations,
-                overruns,
-            },
+        let asks = self == Self::Ask;
+        let spin_ns = if asks { u64::from(section.spin_us) * 1000 } else { 0 };
+        RtSettings {
+            rhythm: Rhythm { period_ns, spin_ns },
+            priority: asks.then_some(section.priority),
+            cpu: section.cpu.filter(|_| asks).map(|cpu| cpu as usize),
+            max_iterations: settings.mpc.max_iterations,
+            overruns,
         }
     }
 }
@@ -153,13 +144,11 @@ impl StopHandle {
 pub struct Options {
     /// Where settings come from; read again at a reload.
     pub source: Source,
-    /// Real-time rights.
     pub rights: Rights,
     /// Who reads them first then.
     pub reading: Reading,
     /// SIGINT and SIGTERM end the daemon, SIGHUP reloads the settings. If off, only `stop` ends it.
     pub signals: bool,
-    /// Ends the daemon.
     pub stop: StopHandle,
 }
 

@@ -31,7 +31,6 @@ const PAUSE: Duration = Duration::from_millis(10);
 /// Counts of the thread, for log and status.
 #[derive(Debug, Default)]
 pub struct StopTally {
-    /// Valid frames.
     pub stops: AtomicU64,
     /// Sender of the newest one, as it claims.
     pub newest_pid: AtomicU32,
@@ -117,7 +116,7 @@ impl Listener {
         let mut bytes = [0; STOP_FRAME_BYTES + 1];
         while !self.quit.load(Ordering::Acquire) {
             match self.socket.recv_from(&mut bytes) {
-                Ok((length, from)) => self.heard(bytes.get(..length).unwrap_or_default(), &from),
+                Ok((length, from)) => self.receive(bytes.get(..length).unwrap_or_default(), &from),
                 Err(error) => match error.kind() {
                     ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted => {}
                     _ => {
@@ -129,7 +128,7 @@ impl Listener {
         }
     }
 
-    fn heard(&self, bytes: &[u8], from: &SocketAddr) {
+    fn receive(&self, bytes: &[u8], from: &SocketAddr) {
         match StopFrame::decode(bytes) {
             Ok(frame) => self.stop(frame, from),
             // The daemon's own shutdown.
@@ -172,15 +171,15 @@ mod tests {
     use foretrace_control::units::Trust;
 
     use super::*;
-    use crate::support::{Place, until};
+    use crate::support::{Site, until};
 
-    fn client(place: &Place, name: &str) -> UnixDatagram {
-        let socket = UnixDatagram::bind(place.root.join(name)).unwrap();
+    fn client(site: &Site, name: &str) -> UnixDatagram {
+        let socket = UnixDatagram::bind(site.root.join(name)).unwrap();
         socket.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
         socket
     }
 
-    fn hear(client: &UnixDatagram) -> StopAnswer {
+    fn answer(client: &UnixDatagram) -> StopAnswer {
         let mut bytes = [0; 64];
         let length = client.recv(&mut bytes).unwrap();
         StopAnswer::decode(&bytes[..length]).unwrap()
@@ -188,44 +187,44 @@ mod tests {
 
     #[test]
     fn a_stop_is_noted_at_once_and_told_again_when_a_tick_has_taken_it() {
-        let place = Place::new();
-        let _lock = place.instance().lock().unwrap();
+        let site = Site::new();
+        let _lock = site.instance().lock().unwrap();
         let flag = Arc::new(StopFlag::default());
-        let stops = StopSocket::open(&place.instance(), flag.clone()).unwrap();
-        let client = client(&place, "c");
+        let stops = StopSocket::open(&site.instance(), flag.clone()).unwrap();
+        let client = client(&site, "c");
         let frame = StopFrame { token: 77, pid: 5 };
-        client.send_to(&frame.encode(), place.instance().stop_socket()).unwrap();
-        assert_eq!(hear(&client), StopAnswer { token: 77, taken: None, trust: 0.0 });
+        client.send_to(&frame.encode(), site.instance().stop_socket()).unwrap();
+        assert_eq!(answer(&client), StopAnswer { token: 77, taken: None, trust: 0.0 });
         let taken = until("the flag is set", || flag.take());
-        flag.tell(taken, foretrace_control::follower::Mode::Stopped, Trust::new(0.5));
+        flag.report(taken, foretrace_control::follower::Mode::Stopped, Trust::new(0.5));
         // If the machine suspended this test for longer than the thread's patience, there is no answer.
         if stops.tally().unanswered.load(Ordering::Relaxed) == 0 {
             client.set_read_timeout(Some(Duration::from_millis(500))).unwrap();
             let mut bytes = [0; 64];
             if let Ok(length) = client.recv(&mut bytes) {
-                let told = StopAnswer::decode(&bytes[..length]).unwrap();
-                assert_eq!(told, StopAnswer { token: 77, taken: Some(Mode::Stopped), trust: 0.5 });
+                let answer = StopAnswer::decode(&bytes[..length]).unwrap();
+                assert_eq!(answer, StopAnswer { token: 77, taken: Some(Mode::Stopped), trust: 0.5 });
             }
         }
         assert_eq!(stops.tally().stops.load(Ordering::Relaxed), 1);
-        let path = place.instance().stop_socket();
+        let path = site.instance().stop_socket();
         drop(stops);
         assert!(!path.exists());
     }
 
     #[test]
     fn what_is_no_frame_stops_nothing_and_is_counted() {
-        let place = Place::new();
-        let _lock = place.instance().lock().unwrap();
+        let site = Site::new();
+        let _lock = site.instance().lock().unwrap();
         let flag = Arc::new(StopFlag::default());
         // A socket left by a killed daemon does no harm.
-        std::fs::write(place.instance().stop_socket(), "").unwrap();
-        let stops = StopSocket::open(&place.instance(), flag.clone()).unwrap();
-        let client = client(&place, "c");
+        std::fs::write(site.instance().stop_socket(), "").unwrap();
+        let stops = StopSocket::open(&site.instance(), flag.clone()).unwrap();
+        let client = client(&site, "c");
         let good = StopFrame { token: 1, pid: 2 }.encode();
         let mut foreign = good;
         foreign[8] ^= 1;
-        let path = place.instance().stop_socket();
+        let path = site.instance().stop_socket();
         for bytes in [&b""[..], b"stop", &good[..31], &[&good[..], &[0]].concat(), &foreign] {
             client.send_to(bytes, &path).unwrap();
         }
@@ -237,11 +236,11 @@ mod tests {
 
     #[test]
     fn a_sender_without_an_address_or_with_a_full_queue_keeps_nobody() {
-        let place = Place::new();
-        let _lock = place.instance().lock().unwrap();
+        let site = Site::new();
+        let _lock = site.instance().lock().unwrap();
         let flag = Arc::new(StopFlag::default());
-        let stops = StopSocket::open(&place.instance(), flag.clone()).unwrap();
-        let (deaf, path) = (client(&place, "deaf"), place.instance().stop_socket());
+        let stops = StopSocket::open(&site.instance(), flag.clone()).unwrap();
+        let (silent, path) = (client(&site, "silent"), site.instance().stop_socket());
         let frame = StopFrame { token: 1, pid: 2 }.encode();
         UnixDatagram::unbound().unwrap().send_to(&frame, &path).unwrap();
         let loops = flag.clone();
@@ -250,14 +249,14 @@ mod tests {
         let ticks = std::thread::spawn(move || {
             while !over.load(Ordering::Acquire) {
                 if let Some(taken) = loops.take() {
-                    loops.tell(taken, foretrace_control::follower::Mode::Idle, Trust::NONE);
+                    loops.report(taken, foretrace_control::follower::Mode::Idle, Trust::NONE);
                 }
                 std::thread::sleep(Duration::from_millis(1));
             }
         });
         // The answers are not read, until no more fit.
         for _ in 0..2000 {
-            deaf.send_to(&frame, &path).unwrap();
+            silent.send_to(&frame, &path).unwrap();
         }
         let tally = stops.tally();
         until("all are served", || (tally.stops.load(Ordering::Relaxed) == 2001).then_some(()));

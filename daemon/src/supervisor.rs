@@ -5,9 +5,9 @@
 //! smoothly and is let go, ticks end, then the other threads, then the services. Every wait is bounded. A
 //! service manager is notified of each step.
 
-mod hearing;
 mod notify;
 mod start;
+mod stop_log;
 #[cfg(test)]
 mod tests;
 
@@ -29,7 +29,7 @@ use crate::error::DaemonError;
 use crate::ipc::requests::{ReloadOutcome, ReloadRequest};
 use crate::ipc::{IpcOrder, IpcSummary};
 use crate::law_rehearsal::rehearse_law;
-use crate::learner::LearnerOrder;
+use crate::learner::{LearnerOrder, panic_text};
 use crate::limits;
 use crate::memory;
 use crate::options::{Options, StopHandle};
@@ -38,9 +38,9 @@ use crate::rt::os;
 use crate::rt::stops::StopFlag;
 use crate::rt::thread::RtOrders;
 use crate::stop_socket::StopSocket;
-use hearing::Hearing;
 use notify::Manager;
 use start::open_services;
+use stop_log::StopLog;
 
 /// Time limit for opening shared memory, which takes milliseconds unless damaged files make it hang.
 const OPENING: Duration = Duration::from_secs(10);
@@ -56,11 +56,10 @@ const SEGMENTS_LOOK: Duration = Duration::from_secs(1);
 /// Results of a daemon's run.
 #[derive(Debug, Clone, Copy)]
 pub struct ExitReport {
-    /// The last status.
     pub status: Status,
 }
 
-/// Runs a daemon until it is told to end.
+/// Runs a daemon until it is stopped.
 ///
 /// # Errors
 /// It could not start, or a thread ended by a fault; the text says what to do.
@@ -124,7 +123,7 @@ struct Daemon {
     config: Config,
     rt: Option<JoinHandle<()>>,
     rt_orders: Arc<RtOrders>,
-    hearing: Hearing,
+    stop_log: StopLog,
     ipc: Option<JoinHandle<IpcSummary>>,
     ipc_orders: Sender<IpcOrder>,
     reload: Receiver<ReloadRequest>,
@@ -170,7 +169,7 @@ impl Daemon {
         let (mut segments_seen, mut warned) = (Instant::now(), false);
         loop {
             manager.alive(self.rt_orders.ticks());
-            self.hearing.tell();
+            self.stop_log.report();
             if !warned && segments_seen.elapsed() >= SEGMENTS_LOOK {
                 segments_seen = Instant::now();
                 if let Err(error) = instance.check_segments() {
@@ -252,7 +251,7 @@ impl Daemon {
         ReloadOutcome { status: ControlStatus::Ok, text }
     }
 
-    /// Ends everything; the first error is reported. If told to stop once more meanwhile, no longer waits for
+    /// Ends everything; the first error is reported. If stopped once more meanwhile, no longer waits for
     /// the arm.
     fn end(
         mut self,
@@ -280,7 +279,7 @@ impl Daemon {
             let cause = panic_text(panic.as_ref());
             outcome = outcome.and(Err(DaemonError::ThreadDied { name: "real-time", cause }));
         }
-        self.hearing.flush();
+        self.stop_log.flush();
         self.quit.store(true, Ordering::Release);
         if ended(self.learner.as_ref(), ENDING) {
             let _ = self.learner.take().map(JoinHandle::join);
@@ -334,12 +333,7 @@ fn cause<T>(thread: Option<JoinHandle<T>>) -> String {
     }
 }
 
-fn panic_text(panic: &(dyn std::any::Any + Send)) -> String {
-    let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
-    text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_else(|| "unknown cause".to_owned())
-}
-
-/// Of all settings, as the daemon's status tells it: programs that judge by settings of their own compare.
+/// Of all settings, as the daemon's status has it: programs that judge by settings of their own compare.
 #[must_use]
 pub fn settings_hash(config: &Config) -> u64 {
     fnv1a(format!("{:?}", config.settings()).as_bytes())

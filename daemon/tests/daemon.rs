@@ -10,14 +10,14 @@ use foretrace_shm::{
     monotonic_now_ns,
 };
 use foretraced::{DaemonError, Source};
-use support::{Operator, Place, Running, arm, pen, turn, until};
+use support::{Operator, Running, Site, arm, pen, turn, until};
 
 #[test]
 fn arming_without_an_arm_is_refused_with_what_to_do() {
     let _turn = turn();
-    let place = Place::new();
-    let daemon = Running::start(&place, place.source());
-    let mut operator = Operator::attach(&place);
+    let site = Site::new();
+    let daemon = Running::start(&site, site.source());
+    let mut operator = Operator::attach(&site);
     let answer = operator.ask(ControlOp::Arm, 0.0);
     assert_eq!(answer.outcome(), ControlStatus::NoJointState);
     assert!(answer.text().contains("foretrace arm sim"), "{}", answer.text());
@@ -33,11 +33,11 @@ fn arming_without_an_arm_is_refused_with_what_to_do() {
 #[test]
 fn operators_steer_trust_and_predictor_and_a_stop_stays_until_armed_again() {
     let _turn = turn();
-    let place = Place::new();
-    let daemon = Running::start(&place, place.source());
-    let mut operator = Operator::attach(&place);
-    let (_arm, _log) = arm(&place);
-    let _pen = pen(&place);
+    let site = Site::new();
+    let daemon = Running::start(&site, site.source());
+    let mut operator = Operator::attach(&site);
+    let (_arm, _log) = arm(&site);
+    let _pen = pen(&site);
     operator.status_when("joint states arrive", |status| status.joint_state_age_ns != u64::MAX);
     assert_eq!(operator.ask(ControlOp::Arm, 0.0).outcome(), ControlStatus::Ok);
     assert_eq!(operator.ask(ControlOp::Arm, 0.0).outcome(), ControlStatus::WrongMode);
@@ -65,10 +65,10 @@ fn operators_steer_trust_and_predictor_and_a_stop_stays_until_armed_again() {
 #[test]
 fn an_order_dated_ahead_is_refused_and_counted_and_a_stop_is_obeyed() {
     let _turn = turn();
-    let place = Place::new();
-    let daemon = Running::start(&place, place.source());
-    let mut operator = Operator::attach(&place);
-    let (_arm, _log) = arm(&place);
+    let site = Site::new();
+    let daemon = Running::start(&site, site.source());
+    let mut operator = Operator::attach(&site);
+    let (_arm, _log) = arm(&site);
     operator.status_when("joint states arrive", |status| status.joint_state_age_ns != u64::MAX);
     for op in [ControlOp::Arm, ControlOp::MoveHome, ControlOp::FreezeTrust, ControlOp::Reload] {
         let answer = operator.ask_dated(op, monotonic_now_ns() + 5_000_000_000);
@@ -93,16 +93,16 @@ fn an_order_dated_ahead_is_refused_and_counted_and_a_stop_is_obeyed() {
 #[test]
 fn at_trust_0_the_ghost_is_the_loop_and_with_trust_it_shows_what_is_saved() {
     let _turn = turn();
-    let place = Place::new();
+    let site = Site::new();
     // On circles the lag cannot be measured, and this arm has none.
-    let source = place.source().with("trust.mode", "manual").with("timing.dead_time_ms", 0.0);
-    let daemon = Running::start(&place, source);
-    let mut operator = Operator::attach(&place);
-    let session = Session::open(&place.instance(), "observer").unwrap();
+    let source = site.source().with("trust.mode", "manual").with("timing.dead_time_ms", 0.0);
+    let daemon = Running::start(&site, source);
+    let mut operator = Operator::attach(&site);
+    let session = Session::open(&site.instance(), "observer").unwrap();
     let services = Services::open(&session).unwrap();
     let mut telemetry = services.telemetry.subscriber(256, HeaderBounds::DEFAULT).unwrap();
-    let (_arm, _log) = arm(&place);
-    let _pen = pen(&place);
+    let (_arm, _log) = arm(&site);
+    let _pen = pen(&site);
     operator.status_when("joint states arrive", |status| status.joint_state_age_ns != u64::MAX);
     assert!(operator.ask(ControlOp::SetTrust, 0.0).is_success());
     assert!(operator.ask(ControlOp::Arm, 0.0).is_success());
@@ -137,11 +137,11 @@ fn at_trust_0_the_ghost_is_the_loop_and_with_trust_it_shows_what_is_saved() {
 #[test]
 fn without_a_ghost_nothing_is_compared_and_nothing_claimed() {
     let _turn = turn();
-    let place = Place::new();
-    let daemon = Running::start(&place, place.source().with("telemetry.ghost", false));
-    let mut operator = Operator::attach(&place);
-    let (_arm, _log) = arm(&place);
-    let _pen = pen(&place);
+    let site = Site::new();
+    let daemon = Running::start(&site, site.source().with("telemetry.ghost", false));
+    let mut operator = Operator::attach(&site);
+    let (_arm, _log) = arm(&site);
+    let _pen = pen(&site);
     operator.status_when("joint states arrive", |status| status.joint_state_age_ns != u64::MAX);
     assert!(operator.ask(ControlOp::Arm, 0.0).is_success());
     let status = operator.status_when("it follows", |status| status.mode == u32::from(Mode::Following));
@@ -153,11 +153,11 @@ fn without_a_ghost_nothing_is_compared_and_nothing_claimed() {
 #[test]
 fn an_arm_that_falls_silent_latches_a_stop_with_its_reason_until_it_is_back_and_armed_again() {
     let _turn = turn();
-    let place = Place::new();
-    let daemon = Running::start(&place, place.source());
-    let mut operator = Operator::attach(&place);
-    let (first, _log) = arm(&place);
-    let _pen = pen(&place);
+    let site = Site::new();
+    let daemon = Running::start(&site, site.source());
+    let mut operator = Operator::attach(&site);
+    let (first, _log) = arm(&site);
+    let _pen = pen(&site);
     operator.status_when("joint states arrive", |status| status.joint_state_age_ns != u64::MAX);
     assert!(operator.ask(ControlOp::Arm, 0.0).is_success());
     operator.status_when("it follows", |status| status.mode == u32::from(Mode::Following));
@@ -167,7 +167,7 @@ fn an_arm_that_falls_silent_latches_a_stop_with_its_reason_until_it_is_back_and_
     until("the arm is missed", || {
         (operator.ask(ControlOp::Arm, 0.0).outcome() == ControlStatus::JointStateStale).then_some(())
     });
-    let (_second, log) = arm(&place);
+    let (_second, log) = arm(&site);
     until("it can be armed again", || operator.ask(ControlOp::Arm, 0.0).is_success().then_some(()));
     operator.status_when("it follows again", |status| status.mode == u32::from(Mode::Following));
     assert_eq!(log.illegal.load(std::sync::atomic::Ordering::Relaxed), 0);
@@ -179,16 +179,16 @@ fn an_arm_that_falls_silent_latches_a_stop_with_its_reason_until_it_is_back_and_
 #[test]
 fn a_dead_man_that_falls_silent_stops_the_arm_and_beats_that_were_overwritten_are_counted() {
     let _turn = turn();
-    let place = Place::new();
-    let source = place.source().with("safety.enable_required", true).with("safety.enable_timeout_ms", 500.0);
-    let daemon = Running::start(&place, source);
-    let mut operator = Operator::attach(&place);
-    let session = Session::open(&place.instance(), "dead-man").unwrap();
+    let site = Site::new();
+    let source = site.source().with("safety.enable_required", true).with("safety.enable_timeout_ms", 500.0);
+    let daemon = Running::start(&site, source);
+    let mut operator = Operator::attach(&site);
+    let session = Session::open(&site.instance(), "dead-man").unwrap();
     let services = Services::open(&session).unwrap();
     let mut dead_man = services.enable.publisher().unwrap();
     let mut beat = || dead_man.publish(monotonic_now_ns(), Enable::default()).map(|_| ()).unwrap();
-    let (_arm, log) = arm(&place);
-    let _pen = pen(&place);
+    let (_arm, log) = arm(&site);
+    let _pen = pen(&site);
     operator.status_when("joint states arrive", |status| status.joint_state_age_ns != u64::MAX);
     assert_eq!(operator.ask(ControlOp::Arm, 0.0).outcome(), ControlStatus::NotEnabled);
     until("it is armed under a dead-man", || {
@@ -214,13 +214,13 @@ fn a_dead_man_that_falls_silent_stops_the_arm_and_beats_that_were_overwritten_ar
 #[test]
 fn a_second_daemon_on_the_same_instance_is_refused_and_two_instances_live_side_by_side() {
     let _turn = turn();
-    let (place, other) = (Place::new(), Place::new());
-    let daemon = Running::start(&place, place.source());
-    let refused = Running::start(&place, place.source()).end().unwrap_err();
+    let (site, other) = (Site::new(), Site::new());
+    let daemon = Running::start(&site, site.source());
+    let refused = Running::start(&site, site.source()).end().unwrap_err();
     assert!(matches!(refused, DaemonError::Instance(_)), "{refused}");
     assert!(refused.to_string().contains(&std::process::id().to_string()), "{refused}");
     let second = Running::start(&other, other.source());
-    Operator::attach(&place).status_when("the first runs", |status| status.tick > 0);
+    Operator::attach(&site).status_when("the first runs", |status| status.tick > 0);
     Operator::attach(&other).status_when("the second runs", |status| status.tick > 0);
     second.end().unwrap();
     daemon.end().unwrap();
@@ -229,19 +229,18 @@ fn a_second_daemon_on_the_same_instance_is_refused_and_two_instances_live_side_b
 #[test]
 fn a_reload_takes_live_settings_and_refuses_the_others() {
     let _turn = turn();
-    let place = Place::new();
-    std::fs::create_dir_all(&place.root).unwrap();
-    std::fs::set_permissions(&place.root, std::os::unix::fs::PermissionsExt::from_mode(0o700)).unwrap();
-    let file = place.root.join("settings.toml");
+    let site = Site::new();
+    std::fs::create_dir_all(&site.root).unwrap();
+    std::fs::set_permissions(&site.root, std::os::unix::fs::PermissionsExt::from_mode(0o700)).unwrap();
+    let file = site.root.join("settings.toml");
     let write = |body: &str| {
-        let root = place.root.display();
-        let head =
-            format!("preset = \"ur5\"\n[instance]\nnumber = {}\nroot_dir = \"{root}\"\n", place.number);
+        let root = site.root.display();
+        let head = format!("preset = \"ur5\"\n[instance]\nnumber = {}\nroot_dir = \"{root}\"\n", site.number);
         std::fs::write(&file, head + body).unwrap();
     };
     write("[predictor]\nkind = \"hold\"\n");
-    let daemon = Running::start(&place, Source::file(&file));
-    let mut operator = Operator::attach(&place);
+    let daemon = Running::start(&site, Source::file(&file));
+    let mut operator = Operator::attach(&site);
     operator.status_when("it starts with Hold", |status| status.predictor.as_str() == Some("hold"));
 
     write("[predictor]\nkind = \"constant-velocity\"\n");
@@ -268,12 +267,12 @@ fn a_reload_takes_live_settings_and_refuses_the_others() {
 #[test]
 fn a_signal_ends_the_program_cleanly_and_wrong_settings_end_it_with_a_line() {
     let _turn = turn();
-    let place = Place::new();
+    let site = Site::new();
     let program = || {
         let mut program = Command::new(env!("CARGO_BIN_EXE_foretraced"));
         program
-            .args(["--no-rights", "--set", &format!("instance.root_dir=\"{}\"", place.root.display())])
-            .args(["--instance", &place.number.to_string()])
+            .args(["--no-rights", "--set", &format!("instance.root_dir=\"{}\"", site.root.display())])
+            .args(["--instance", &site.number.to_string()])
             .stderr(Stdio::piped());
         program
     };
@@ -291,7 +290,7 @@ fn a_signal_ends_the_program_cleanly_and_wrong_settings_end_it_with_a_line() {
 
     let mut child = program().spawn().unwrap();
     let mut lines = BufReader::new(child.stderr.take().unwrap()).lines().map_while(Result::ok);
-    let instance = place.instance();
+    let instance = site.instance();
     let pid = until("the daemon comes up", || instance.daemon()).pid;
     assert_eq!(pid, child.id());
     let refused = program().output().unwrap();
@@ -322,35 +321,35 @@ fn a_process_that_checks_settings_says_what_it_read_and_ends_without_room() {
         program.output().unwrap()
     };
     let good = check("0", &file);
-    let said = String::from_utf8_lossy(&good.stdout);
+    let output = String::from_utf8_lossy(&good.stdout);
     assert!(good.status.success() && good.stderr.is_empty(), "{good:?}");
     // The bytes of both files, under their names.
     for part in ["foretrace settings", "a.toml", "urdf = \"arm.urdf\"", "arm.urdf", "shoulder_pan_joint"] {
-        assert!(said.contains(part), "{part}: {said:.2000}");
+        assert!(output.contains(part), "{part}: {output:.2000}");
     }
     // With too little memory it ends, whatever that does to it; the one that waits for it lives.
     let starved = check("1000000", &file);
     assert!(!starved.status.success(), "{starved:?}");
     std::fs::write(&robot, format!("<robot>{}", "<link>".repeat(60_000))).unwrap();
     let refused = check("0", &file);
-    let said = String::from_utf8_lossy(&refused.stdout);
-    assert!(refused.status.success() && said.contains("refused"), "{refused:?}");
-    assert!(said.contains("65 elements inside each other, 64 are the most"), "{said}");
+    let output = String::from_utf8_lossy(&refused.stdout);
+    assert!(refused.status.success() && output.contains("refused"), "{refused:?}");
+    assert!(output.contains("65 elements inside each other, 64 are the most"), "{output}");
 }
 
 #[test]
 fn a_killed_daemon_leaves_nothing_that_hinders_the_next() {
     let _turn = turn();
-    let place = Place::new();
+    let site = Site::new();
     let program = || {
         Command::new(env!("CARGO_BIN_EXE_foretraced"))
-            .args(["--no-rights", "--set", &format!("instance.root_dir=\"{}\"", place.root.display())])
-            .args(["--instance", &place.number.to_string()])
+            .args(["--no-rights", "--set", &format!("instance.root_dir=\"{}\"", site.root.display())])
+            .args(["--instance", &site.number.to_string()])
             .stderr(Stdio::null())
             .spawn()
             .unwrap()
     };
-    let instance = place.instance();
+    let instance = site.instance();
     for _ in 0..3 {
         let mut child = program();
         until("the daemon comes up", || instance.daemon());
@@ -358,8 +357,8 @@ fn a_killed_daemon_leaves_nothing_that_hinders_the_next() {
         child.wait().unwrap();
         assert_eq!(instance.daemon(), None);
     }
-    let daemon = Running::start(&place, place.source());
-    Operator::attach(&place).status_when("the next one runs", |status| status.tick > 0);
+    let daemon = Running::start(&site, site.source());
+    Operator::attach(&site).status_when("the next one runs", |status| status.tick > 0);
     daemon.end().unwrap();
     let lock = instance.lock().unwrap();
     assert!(matches!(instance.purge(&lock), Ok(Purge::Removed(_))));
@@ -369,12 +368,12 @@ fn a_killed_daemon_leaves_nothing_that_hinders_the_next() {
 #[test]
 fn peers_that_stay_find_the_restarted_daemon() {
     let _turn = turn();
-    let place = Place::new();
-    let daemon = Running::start(&place, place.source());
-    let session = Session::open(&place.instance(), "watcher").unwrap();
+    let site = Site::new();
+    let daemon = Running::start(&site, site.source());
+    let session = Session::open(&site.instance(), "watcher").unwrap();
     let services = Services::open(&session).unwrap();
     daemon.end().unwrap();
-    let daemon = Running::start(&place, place.source());
+    let daemon = Running::start(&site, site.source());
     let mut records = services.telemetry.subscriber(64, foretrace_shm::HeaderBounds::DEFAULT).unwrap();
     until("records of the new daemon arrive", || records.latest(foretrace_shm::monotonic_now_ns()));
     daemon.end().unwrap();

@@ -15,7 +15,7 @@ use foretrace_shm::{ControlOp, ControlStatus, Mode, Stage};
 use foretraced::alloc_count::{self, CountingAllocator};
 use foretraced::rt::rehearsal::rehearse;
 use foretraced::{Rights, Source};
-use support::{Operator, Place, Running, arm, pen, turn};
+use support::{Operator, Running, Site, arm, pen, turn};
 
 #[global_allocator]
 static ALLOCATOR: CountingAllocator = CountingAllocator;
@@ -97,17 +97,17 @@ fn no_tick_of_a_stop_allocates() {
 #[test]
 fn with_every_predictor_no_tick_allocates_while_peers_come_and_go() {
     let _turn = turn();
-    let place = Place::new();
-    let daemon = Running::start(&place, place.source());
-    let mut operator = Operator::attach(&place);
-    let (arm, log) = arm(&place);
+    let site = Site::new();
+    let daemon = Running::start(&site, site.source());
+    let mut operator = Operator::attach(&site);
+    let (arm, log) = arm(&site);
     operator.status_when("joint states arrive", |status| status.joint_state_age_ns != u64::MAX);
     assert_eq!(operator.ask(ControlOp::Arm, 0.0).outcome(), ControlStatus::Ok);
     // Each predictor writes for a while, with weights arriving from the learner.
     for predictor in PredictorKind::LIVE.map(PredictorKind::name) {
         let answer = operator.switch_predictor(predictor);
         assert_eq!(answer.outcome(), ControlStatus::Ok, "{predictor}");
-        let pen = pen(&place);
+        let pen = pen(&site);
         // Trusted as far as the record allows, which for some is not at all; then fully, by an operator.
         let followed = operator.status_when("it follows with the predictor that was asked for", |status| {
             status.mode == u32::from(Mode::Following) && status.predictor.as_str() == Some(predictor)

@@ -1,4 +1,4 @@
-//! What a running daemon tells of its inputs is enough to run its ticks again, bit for bit.
+//! What a running daemon sends of its inputs is enough to run its ticks again, bit for bit.
 
 mod support;
 
@@ -15,58 +15,58 @@ use foretrace_shm::{
 };
 use foretraced::rt::tick::STATE_BYTES;
 use foretraced::wire;
-use support::{Operator, Place, Running, arm, pen, turn};
+use support::{Operator, Running, Site, arm, pen, turn};
 
 /// Everything that came, in order.
 #[derive(Default)]
-struct Heard {
+struct Captured {
     inputs: Vec<TickInput>,
-    things: Vec<Thing>,
+    snapshots: Vec<Thing>,
     modes: std::collections::BTreeSet<u32>,
 }
 
-impl Heard {
-    fn thing(&self, kind: PieceKind) -> &Thing {
-        self.things.iter().find(|thing| thing.kind == kind).expect("it was sent")
+impl Captured {
+    fn snapshot(&self, kind: PieceKind) -> &Thing {
+        self.snapshots.iter().find(|snapshot| snapshot.kind == kind).expect("it was sent")
     }
 }
 
 /// Listens until `enough`, while `during` acts.
-fn listen(place: &Place, mut enough: impl FnMut(&Heard) -> bool) -> Heard {
-    let session = Session::open(&place.instance(), "recorder").unwrap();
+fn listen(site: &Site, mut enough: impl FnMut(&Captured) -> bool) -> Captured {
+    let session = Session::open(&site.instance(), "recorder").unwrap();
     let services = Services::open(&session).unwrap();
     let mut inputs = services.inputs.subscriber(TickInput::QOS.buffer, HeaderBounds::DEFAULT).unwrap();
     let mut pieces = services.pieces.subscriber(Piece::QOS.buffer, HeaderBounds::DEFAULT).unwrap();
-    let (mut heard, mut assembly) = (Heard::default(), Assembly::default());
+    let (mut captured, mut assembly) = (Captured::default(), Assembly::default());
     let since = std::time::Instant::now();
-    while !enough(&heard) {
-        assert!(since.elapsed() < Duration::from_secs(60), "{} inputs", heard.inputs.len());
+    while !enough(&captured) {
+        assert!(since.elapsed() < Duration::from_secs(60), "{} inputs", captured.inputs.len());
         let now = monotonic_now_ns();
         inputs.drain(now, |input| {
-            heard.modes.insert(input.mode);
-            heard.inputs.push(input);
+            captured.modes.insert(input.mode);
+            captured.inputs.push(input);
         });
-        pieces.drain(now, |piece| heard.things.extend(assembly.add(&piece)));
+        pieces.drain(now, |piece| captured.snapshots.extend(assembly.add(&piece)));
         std::thread::sleep(Duration::from_millis(2));
     }
     // A set of weights may still be on its way in pieces when the tick that was offered it is here.
     for _ in 0..150 {
-        pieces.drain(monotonic_now_ns(), |piece| heard.things.extend(assembly.add(&piece)));
+        pieces.drain(monotonic_now_ns(), |piece| captured.snapshots.extend(assembly.add(&piece)));
         std::thread::sleep(Duration::from_millis(2));
     }
     assert_eq!((inputs.rejections().total(), pieces.rejections().total()), (0, 0));
-    heard
+    captured
 }
 
 /// Runs the ticks after the state again; returns how many, up to the first gap.
-fn again(heard: &Heard) -> usize {
-    let toml = String::from_utf8(heard.thing(PieceKind::Settings).bytes.clone()).unwrap();
+fn again(captured: &Captured) -> usize {
+    let toml = String::from_utf8(captured.snapshot(PieceKind::Settings).bytes.clone()).unwrap();
     let config = Config::parse(&toml, "recorded", ".").unwrap();
-    let start = heard.thing(PieceKind::State);
+    let start = captured.snapshot(PieceKind::State);
     assert!(start.bytes.len() < STATE_BYTES / 2, "{} bytes", start.bytes.len());
     println!("state of {} bytes", start.bytes.len());
     let mut sets: BTreeMap<u64, OnlineWeights> = BTreeMap::new();
-    for set in heard.things.iter().filter(|thing| thing.kind == PieceKind::Weights) {
+    for set in captured.snapshots.iter().filter(|snapshot| snapshot.kind == PieceKind::Weights) {
         let mut weights = config.follower_settings().weights;
         state::read(&mut weights, &set.bytes).unwrap();
         assert_eq!(weights.version, set.number);
@@ -76,7 +76,7 @@ fn again(heard: &Heard) -> usize {
     let mut follower = Follower::<20, 6>::new(config.follower_settings()).unwrap();
     state::read(&mut follower, &start.bytes).unwrap();
     let (mut next, mut ticks, mut pen) = (start.number + 1, 0, Vec::new());
-    for input in heard.inputs.iter().filter(|input| input.tick > start.number) {
+    for input in captured.inputs.iter().filter(|input| input.tick > start.number) {
         if input.tick != next {
             break;
         }
@@ -102,19 +102,19 @@ fn again(heard: &Heard) -> usize {
 #[test]
 fn ticks_of_a_running_daemon_can_be_run_again_from_a_state_in_the_middle() {
     let _turn = turn();
-    let place = Place::new();
-    let daemon = Running::start(&place, place.source());
-    let mut operator = Operator::attach(&place);
-    let (_arm, _log) = arm(&place);
-    let _pen = pen(&place);
+    let site = Site::new();
+    let daemon = Running::start(&site, site.source());
+    let mut operator = Operator::attach(&site);
+    let (_arm, _log) = arm(&site);
+    let _pen = pen(&site);
     operator.status_when("joint states arrive", |status| status.joint_state_age_ns != u64::MAX);
     assert!(operator.ask(ControlOp::Arm, 0.0).is_success());
     // Not from the beginning: the learner has taught something by then.
     operator.status_when("weights came", |status| status.learner_version > 0);
 
     let mut asked = 0;
-    let heard = listen(&place, |heard| {
-        let came = heard.inputs.len();
+    let captured = listen(&site, |captured| {
+        let came = captured.inputs.len();
         if came > 600 && asked == 0 {
             asked = 1;
             assert!(operator.ask(ControlOp::SetTrust, 0.3).is_success());
@@ -125,18 +125,19 @@ fn ticks_of_a_running_daemon_can_be_run_again_from_a_state_in_the_middle() {
         }
         came > 1500
     });
-    let offered = heard.inputs.iter().filter(|input| input.weights_version > 0).count();
+    let offered = captured.inputs.iter().filter(|input| input.weights_version > 0).count();
     assert!(offered > 0, "no weights were offered");
-    assert!(heard.modes.contains(&u32::from(Mode::Following)), "{:?}", heard.modes);
-    assert!(heard.modes.contains(&u32::from(Mode::Stopped)), "{:?}", heard.modes);
-    let ticks = again(&heard);
+    assert!(captured.modes.contains(&u32::from(Mode::Following)), "{:?}", captured.modes);
+    assert!(captured.modes.contains(&u32::from(Mode::Stopped)), "{:?}", captured.modes);
+    let ticks = again(&captured);
     assert!(ticks > 300, "{ticks} ticks until a gap");
 
     // A second listener gets a start of its own.
-    let later = listen(&place, |heard| {
-        heard.inputs.len() > 300 && heard.things.iter().any(|thing| thing.kind == PieceKind::State)
+    let later = listen(&site, |captured| {
+        captured.inputs.len() > 300
+            && captured.snapshots.iter().any(|snapshot| snapshot.kind == PieceKind::State)
     });
-    assert!(later.thing(PieceKind::State).number > heard.thing(PieceKind::State).number);
+    assert!(later.snapshot(PieceKind::State).number > captured.snapshot(PieceKind::State).number);
     assert!(again(&later) > 20);
     let status = daemon.end().unwrap().status;
     assert_eq!(status.counters.telemetry_failed, 0);

@@ -12,20 +12,20 @@ use std::os::unix::net::{SocketAddr, UnixDatagram};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use support::{Place, turn, until};
+use support::{Site, turn, until};
 
 const PATIENCE: Duration = Duration::from_secs(20);
 
-struct Started {
+struct NotifyingDaemon {
     child: Child,
     socket: UnixDatagram,
 }
 
-impl Started {
-    fn new(place: &Place, socket: UnixDatagram, name: &str, watchdog_us: &str) -> Self {
+impl NotifyingDaemon {
+    fn new(site: &Site, socket: UnixDatagram, name: &str, watchdog_us: &str) -> Self {
         let child = Command::new(env!("CARGO_BIN_EXE_foretraced"))
-            .args(["--no-rights", "--set", &format!("instance.root_dir=\"{}\"", place.root.display())])
-            .args(["--instance", &place.number.to_string()])
+            .args(["--no-rights", "--set", &format!("instance.root_dir=\"{}\"", site.root.display())])
+            .args(["--instance", &site.number.to_string()])
             .env("NOTIFY_SOCKET", name)
             .env("WATCHDOG_USEC", watchdog_us)
             .env_remove("WATCHDOG_PID")
@@ -36,7 +36,7 @@ impl Started {
     }
 
     /// The next datagram within `patience`.
-    fn heard(&self, patience: Duration) -> Option<String> {
+    fn receive(&self, patience: Duration) -> Option<String> {
         self.socket.set_read_timeout(Some(patience)).unwrap();
         let mut bytes = [0; 512];
         match self.socket.recv(&mut bytes) {
@@ -47,9 +47,9 @@ impl Started {
     }
 
     fn expect(&self, first_line: &str) -> String {
-        let told = self.heard(PATIENCE).unwrap_or_else(|| panic!("{first_line} never came"));
-        assert_eq!(told.lines().next(), Some(first_line), "{told}");
-        told
+        let message = self.receive(PATIENCE).unwrap_or_else(|| panic!("{first_line} never came"));
+        assert_eq!(message.lines().next(), Some(first_line), "{message}");
+        message
     }
 
     fn end(mut self) -> String {
@@ -58,9 +58,9 @@ impl Started {
         let mut last = self.expect_after_signs_of_life();
         let status = until("it ends", || self.child.try_wait().unwrap());
         assert!(status.success(), "{status}");
-        while let Some(told) = self.heard(Duration::from_millis(1)) {
-            assert_eq!(told, "WATCHDOG=1", "after {last}");
-            last = told;
+        while let Some(message) = self.receive(Duration::from_millis(1)) {
+            assert_eq!(message, "WATCHDOG=1", "after {last}");
+            last = message;
         }
         use std::io::Read;
         let mut log = String::new();
@@ -70,16 +70,16 @@ impl Started {
 
     fn expect_after_signs_of_life(&self) -> String {
         loop {
-            let told = self.heard(PATIENCE).expect("it says that it stops");
-            if told != "WATCHDOG=1" {
-                assert_eq!(told.lines().next(), Some("STOPPING=1"), "{told}");
-                return told;
+            let message = self.receive(PATIENCE).expect("it says that it stops");
+            if message != "WATCHDOG=1" {
+                assert_eq!(message.lines().next(), Some("STOPPING=1"), "{message}");
+                return message;
             }
         }
     }
 }
 
-impl Drop for Started {
+impl Drop for NotifyingDaemon {
     fn drop(&mut self) {
         let _ = self.child.kill();
         let _ = self.child.wait();
@@ -87,23 +87,23 @@ impl Drop for Started {
 }
 
 /// A daemon that notifies a socket with a path, and the folder of that.
-fn started_beside_a_path(place: &Place) -> (tempfile::TempDir, Started) {
+fn started_beside_a_path(site: &Site) -> (tempfile::TempDir, NotifyingDaemon) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("notify");
     let socket = UnixDatagram::bind(&path).unwrap();
-    let daemon = Started::new(place, socket, path.to_str().unwrap(), "300000");
+    let daemon = NotifyingDaemon::new(site, socket, path.to_str().unwrap(), "300000");
     (folder, daemon)
 }
 
 #[test]
 fn ready_then_alive_then_stopping_over_a_socket_with_a_path() {
     let _turn = turn();
-    let place = Place::new();
-    let (_folder, daemon) = started_beside_a_path(&place);
+    let site = Site::new();
+    let (_folder, daemon) = started_beside_a_path(&site);
     let ready = daemon.expect("READY=1");
-    assert!(ready.contains(&format!("\nSTATUS=instance {}, 500 Hz", place.number)), "{ready}");
+    assert!(ready.contains(&format!("\nSTATUS=instance {}, 500 Hz", site.number)), "{ready}");
     assert_eq!(
-        place.instance().daemon().map(|mark| mark.pid),
+        site.instance().daemon().map(|mark| mark.pid),
         Some(daemon.child.id()),
         "ready means attachable"
     );
@@ -120,12 +120,12 @@ fn ready_then_alive_then_stopping_over_a_socket_with_a_path() {
 #[test]
 fn an_abstract_socket_works_and_without_a_watchdog_nothing_but_ready_and_stopping_is_said() {
     let _turn = turn();
-    let place = Place::new();
+    let site = Site::new();
     let name = format!("foretrace-daemon-notify-{}", std::process::id());
     let socket = UnixDatagram::bind_addr(&SocketAddr::from_abstract_name(&name).unwrap()).unwrap();
-    let daemon = Started::new(&place, socket, &format!("@{name}"), "never");
+    let daemon = NotifyingDaemon::new(&site, socket, &format!("@{name}"), "never");
     daemon.expect("READY=1");
-    assert_eq!(daemon.heard(Duration::from_millis(500)), None);
+    assert_eq!(daemon.receive(Duration::from_millis(500)), None);
     let log = daemon.end();
     assert!(log.contains("WATCHDOG_USEC is not a positive whole number"), "{log}");
 }
@@ -133,10 +133,10 @@ fn an_abstract_socket_works_and_without_a_watchdog_nothing_but_ready_and_stoppin
 #[test]
 fn a_socket_that_cannot_be_used_is_said_and_the_daemon_runs() {
     let _turn = turn();
-    let place = Place::new();
+    let site = Site::new();
     for name in ["vsock:2:1234", "/no/such/socket"] {
-        let mut daemon = Started::new(&place, UnixDatagram::unbound().unwrap(), name, "300000");
-        until("the daemon comes up", || place.instance().daemon());
+        let mut daemon = NotifyingDaemon::new(&site, UnixDatagram::unbound().unwrap(), name, "300000");
+        until("the daemon comes up", || site.instance().daemon());
         let pid = daemon.child.id().to_string();
         assert!(Command::new("kill").args(["-TERM", &pid]).status().unwrap().success());
         assert!(until("it ends", || daemon.child.try_wait().unwrap()).success());
@@ -155,8 +155,8 @@ fn a_socket_that_cannot_be_used_is_said_and_the_daemon_runs() {
 #[test]
 fn a_real_time_thread_that_hangs_is_not_vouched_for() {
     let _turn = turn();
-    let place = Place::new();
-    let (_folder, daemon) = started_beside_a_path(&place);
+    let site = Site::new();
+    let (_folder, daemon) = started_beside_a_path(&site);
     daemon.expect("READY=1");
     daemon.expect("WATCHDOG=1");
     let Some(frozen) = frozen::Frozen::thread_of(daemon.child.id(), "foretrace-rt") else {
@@ -165,8 +165,8 @@ fn a_real_time_thread_that_hangs_is_not_vouched_for() {
         return;
     };
     // Messages that were pending when the thread froze.
-    while daemon.heard(Duration::from_millis(200)).is_some() {}
-    assert_eq!(daemon.heard(Duration::from_millis(900)), None, "three periods without a tick");
+    while daemon.receive(Duration::from_millis(200)).is_some() {}
+    assert_eq!(daemon.receive(Duration::from_millis(900)), None, "three periods without a tick");
     drop(frozen);
     daemon.expect("WATCHDOG=1");
     daemon.end();

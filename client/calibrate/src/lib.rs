@@ -1,32 +1,20 @@
-//! Calibration without a robot: the pen's test motion, and the plane that fits touches of pen and tool.
+//! Calibration: the arm's lag by a small test motion, and the plane that fits touches of pen and tool.
 //!
-//! Contract: nothing here talks to a daemon; `foretrace calibrate` listens and moves, and calls this. What
-//! would fit badly or by chance is refused. How an arm lags is found by `foretrace_sim::lag`.
+//! Contract: the test motion enters the loop as a hovering pen, so all limits and stops of the loop hold.
+//! What would fit badly or by chance is refused. How an arm lags is found by `foretrace_sim::lag`.
+//!
+//! In order: `motion`, `same_tool` (daemon and command mean the same arm), `listener` (what came meanwhile),
+//! `lag_report`, `picture`, `lag`; `plane` is the other question.
 
 #![forbid(unsafe_code)]
 
-pub mod motion;
-pub mod picture;
+mod motion;
+mod same_tool;
+mod listener;
+mod lag_report;
+mod picture;
+pub mod lag;
 pub mod plane;
 
-/// Why there is no calibration.
-#[derive(thiserror::Error)]
-#[error("{what}; {remedy}")]
-pub struct CalibrateError {
-    /// What is wrong, and where.
-    pub what: String,
-    /// What to do.
-    pub remedy: String,
-}
-
-impl CalibrateError {
-    pub(crate) fn new(what: impl std::fmt::Display, remedy: impl std::fmt::Display) -> Self {
-        Self { what: what.to_string(), remedy: remedy.to_string() }
-    }
-}
-
-impl std::fmt::Debug for CalibrateError {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        std::fmt::Display::fmt(self, f)
-    }
-}
+pub use lag_report::CalibrationReport;
+pub use listener::MessageCounts;

@@ -8,7 +8,7 @@ use std::f64::consts::TAU;
 use foretrace_control::plane::Plane;
 use foretrace_sim::path::PathSample;
 
-use crate::CalibrateError;
+use foretrace_failure::Failure;
 
 /// Rate of the synthetic pen \[Hz\].
 const RATE_HZ: f64 = 200.0;
@@ -26,13 +26,13 @@ const FREQUENCIES_HZ: [[f64; 3]; 2] = [[0.7, 1.9, 3.3], [1.1, 2.6, 4.1]];
 
 /// Bounds of the motion, in the plane frame.
 #[derive(Debug, Clone, Copy)]
-pub struct Place {
+pub(crate) struct MotionSpace {
     /// The tool \[m\].
-    pub tool: [f64; 2],
+    pub(crate) tool: [f64; 2],
     /// The workspace, [[low, high] of x, of y] \[m\].
-    pub workspace: [[f64; 2]; 2],
+    pub(crate) workspace: [[f64; 2]; 2],
     /// Farthest from the middle of the motion along each axis \[m\].
-    pub amplitude_m: f64,
+    pub(crate) amplitude_m: f64,
 }
 
 /// The motion in the pen's own plane \[m\], times from 0; lasts `seconds` without rest and travel.
@@ -40,8 +40,8 @@ pub struct Place {
 /// # Errors
 ///
 /// The workspace has no room for the amplitude.
-pub fn motion(place: &Place, seconds: f64, plane: &Plane) -> Result<Vec<PathSample>, CalibrateError> {
-    let [start, centre] = start_and_centre(place)?;
+pub(crate) fn motion(space: &MotionSpace, seconds: f64, plane: &Plane) -> Result<Vec<PathSample>, Failure> {
+    let [start, centre] = start_and_centre(space)?;
     let distance = (centre[0] - start[0]).hypot(centre[1] - start[1]);
     // A minimum-jerk travel is 1.875 times as fast at its peak as in the mean.
     let travel_s = (1.875 * distance / TRAVEL_MPS).max(if distance > 1e-6 { 0.5 } else { 0.0 });
@@ -52,7 +52,7 @@ pub fn motion(place: &Place, seconds: f64, plane: &Plane) -> Result<Vec<PathSamp
         let t_s = f64::from(index) / RATE_HZ;
         let way = minimum_jerk((t_s - REST_S[0]) / travel_s.max(1e-9));
         let u = t_s - begin_s;
-        let offset = [wave_x(u), wave_y(u)].map(|part| place.amplitude_m * part);
+        let offset = [wave_x(u), wave_y(u)].map(|part| space.amplitude_m * part);
         let at: [f64; 2] = std::array::from_fn(|axis| {
             let metres = start[axis] + way * (centre[axis] - start[axis]) + offset[axis];
             metres / plane.pen_scale + plane.pen_origin[axis]
@@ -63,24 +63,24 @@ pub fn motion(place: &Place, seconds: f64, plane: &Plane) -> Result<Vec<PathSamp
 }
 
 /// The tool, inside the workspace, and the nearest point around which there is room.
-fn start_and_centre(place: &Place) -> Result<[[f64; 2]; 2], CalibrateError> {
-    let room = place.amplitude_m + MARGIN_M;
+fn start_and_centre(space: &MotionSpace) -> Result<[[f64; 2]; 2], Failure> {
+    let room = space.amplitude_m + MARGIN_M;
     let mut both = [[0.0; 2]; 2];
-    for (axis, [low, high]) in place.workspace.into_iter().enumerate() {
+    for (axis, [low, high]) in space.workspace.into_iter().enumerate() {
         if high - low < 2.0 * room {
             let most_mm = (0.5 * (high - low) - MARGIN_M) * 1e3;
-            return Err(CalibrateError::new(
+            return Err(Failure::bad_input(
                 format_args!(
                     "a motion of ±{} mm has no room in a workspace of {:.0} mm along {}",
-                    place.amplitude_m * 1e3,
+                    space.amplitude_m * 1e3,
                     (high - low) * 1e3,
                     ["x", "y"][axis]
                 ),
                 format_args!("give --amplitude-mm of at most {:.0}", most_mm.max(0.0).floor()),
             ));
         }
-        both[0][axis] = place.tool[axis].clamp(low, high);
-        both[1][axis] = place.tool[axis].clamp(low + room, high - room);
+        both[0][axis] = space.tool[axis].clamp(low, high);
+        both[1][axis] = space.tool[axis].clamp(low + room, high - room);
     }
     Ok(both)
 }
@@ -120,15 +120,15 @@ mod tests {
         }
     }
 
-    fn place(tool: [f64; 2]) -> Place {
-        Place { tool, workspace: [[-0.15, 0.15], [-0.1, 0.1]], amplitude_m: 0.01 }
+    fn space(tool: [f64; 2]) -> MotionSpace {
+        MotionSpace { tool, workspace: [[-0.15, 0.15], [-0.1, 0.1]], amplitude_m: 0.01 }
     }
 
     #[test]
     fn the_motion_begins_at_the_tool_rests_at_both_ends_and_stays_inside() {
         for tool in [[0.02, -0.03], [0.149, 0.099], [0.3, -0.3], [0.0, 0.0]] {
-            let place = place(tool);
-            let path = motion(&place, 6.0, &plane()).unwrap();
+            let space = space(tool);
+            let path = motion(&space, 6.0, &plane()).unwrap();
             let points: Vec<[f64; 2]> = path.iter().map(|s| plane().from_pen([s.x_m, s.y_m])).collect();
             let inside = [tool[0].clamp(-0.15, 0.15), tool[1].clamp(-0.1, 0.1)];
             assert!((0..2).all(|axis| (points[0][axis] - inside[axis]).abs() < 1e-12));
@@ -147,7 +147,7 @@ mod tests {
 
     #[test]
     fn the_amplitude_is_what_was_asked_for_on_both_axes() {
-        let path = motion(&place([0.0, 0.0]), 6.0, &plane()).unwrap();
+        let path = motion(&space([0.0, 0.0]), 6.0, &plane()).unwrap();
         let points: Vec<[f64; 2]> = path.iter().map(|s| plane().from_pen([s.x_m, s.y_m])).collect();
         for axis in 0..2 {
             let most = points.iter().map(|p| p[axis].abs()).fold(0.0, f64::max);
@@ -157,7 +157,7 @@ mod tests {
 
     #[test]
     fn a_workspace_without_room_is_refused_with_the_largest_amplitude() {
-        let narrow = Place { workspace: [[-0.15, 0.15], [-0.012, 0.012]], ..place([0.0, 0.0]) };
+        let narrow = MotionSpace { workspace: [[-0.15, 0.15], [-0.012, 0.012]], ..space([0.0, 0.0]) };
         let refused = motion(&narrow, 6.0, &plane()).unwrap_err().to_string();
         assert!(refused.contains("along y") && refused.contains("at most 7"), "{refused}");
     }

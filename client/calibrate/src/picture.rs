@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use foretrace_sim::lag::{Identified, Sample, Servo, modelled};
-use foretrace_sim::plot::{Line, Mark, Panel, PlotError, panels_and_curve};
+use foretrace_sim::plot::{ChartPanel, Line, Mark, PlotError, panels_and_curve};
 
 /// Length of the motion that is shown [s]: short enough to see milliseconds.
 const SHOWN_S: f64 = 2.0;
@@ -15,7 +15,7 @@ const NEAR_S: f64 = 0.08;
 /// # Errors
 ///
 /// [`PlotError`].
-pub fn draw(
+pub(crate) fn draw(
     file: &Path,
     words: &str,
     found: &Identified,
@@ -90,15 +90,15 @@ pub fn draw(
     let number = joint + 1;
     let (moved_label, rest_label) = (format!("joint {number} [mrad]"), "measured − model [mrad]");
     let panels = [
-        Panel { y_label: &moved_label, y_range: None, lines: &moved },
-        Panel { y_label: &moved_label, y_range: None, lines: &overlay },
-        Panel { y_label: rest_label, y_range: None, lines: &rest },
+        ChartPanel { y_label: &moved_label, y_range: None, lines: &moved },
+        ChartPanel { y_label: &moved_label, y_range: None, lines: &overlay },
+        ChartPanel { y_label: rest_label, y_range: None, lines: &rest },
     ];
     let error = [
         line("commands, shifted", curve.as_slice(), Mark::Solid),
         line("commands through delay and servo", floor.as_slice(), Mark::Thin),
     ];
-    let curve = Panel { y_label: "left unexplained, RMS [mrad]", y_range: None, lines: &error };
+    let curve = ChartPanel { y_label: "left unexplained, RMS [mrad]", y_range: None, lines: &error };
     panels_and_curve(
         file,
         "How late the arm is",

@@ -11,7 +11,7 @@ use crate::settings::{SettingsArgs, wrong};
 /// (`foretrace request arm`), and ends on Ctrl-C or SIGTERM with a smooth stop. SIGHUP reloads the settings.
 /// Without real-time rights it runs on and reports which ones are missing.
 #[derive(Debug, clap::Args)]
-pub(crate) struct DaemonArgs {
+pub(crate) struct DaemonCommandArgs {
     /// Rate of the loop [Hz]: 125, 250, 500 or 1000; the grid step is adapted where necessary
     #[arg(long, value_name = "HZ", value_parser = foretraced::options::rate)]
     rate: Option<u32>,
@@ -28,7 +28,7 @@ pub(crate) struct DaemonArgs {
     settings: SettingsArgs,
 }
 
-pub(crate) fn run(args: &DaemonArgs) -> Result<(), Failure> {
+pub(crate) fn run(args: &DaemonCommandArgs) -> Result<(), Failure> {
     let _log = foretraced::log_to_stderr(&args.log).map_err(|error| match error {
         LogError::Filter(text) => Failure::usage(text, ""),
         LogError::Start(text) => Failure::failed(text, ""),

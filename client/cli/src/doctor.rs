@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use foretrace_config::Config;
-use foretrace_doctor::{Doctor, DoctorError, Removed, Verdict, examine_robot};
+use foretrace_doctor::{Doctor, Fitness, Removed, examine_robot};
 
 use crate::attach::instance_of;
 use crate::failure::{Cause, Failure};
@@ -11,6 +11,7 @@ use crate::interrupt::Interrupt;
 use crate::output::{JsonArgs, say};
 use crate::robot::addresses;
 use crate::settings::{SettingsArgs, judged};
+use crate::values;
 
 /// Check whether this machine is fit for the loop at its rate, or a robot's controller for the bridge, and
 /// say what to do where it is not
@@ -69,8 +70,8 @@ pub(crate) fn run(args: &DoctorArgs) -> Result<(), Failure> {
     let seconds = args.seconds.unwrap_or(5.0);
     let settings = config.settings();
     let doctor = Doctor::new(&config, instance_of(settings)?);
-    let tell = |removed: &Removed| say!("{}", removed.told());
-    let removed = args.clean.then(|| doctor.clean(tell)).transpose().map_err(failure)?;
+    let tell = |removed: &Removed| say!("{}", removed.words());
+    let removed = args.clean.then(|| doctor.clean(tell)).transpose()?;
     if removed.as_ref().is_some_and(Vec::is_empty) {
         say!("nothing to remove: no leftovers of dead instances");
     }
@@ -81,13 +82,13 @@ pub(crate) fn run(args: &DoctorArgs) -> Result<(), Failure> {
         config.name(),
         seconds
     );
-    let mut report = doctor.examine(seconds, !args.no_rights, &|| interrupt.is_set()).map_err(failure)?;
+    let mut report = doctor.examine(seconds, !args.no_rights, &|| interrupt.is_set())?;
     report.removed = removed;
     for line in report.lines() {
         say!("{line}");
     }
     args.json.write(&report)?;
-    if report.verdict == Verdict::Fit {
+    if report.verdict == Fitness::Fit {
         return Ok(());
     }
     let what = format!("this machine is unfit for {} Hz: {}", report.rate_hz, report.bad());
@@ -105,28 +106,20 @@ fn of_robot(
     let addresses = addresses(host)?;
     say!("controller at {host}, settings {}; listening for {seconds} s\n", config.name());
     let lasts = Duration::from_secs_f64(seconds);
-    let report = examine_robot(&addresses, host, config, lasts, &|| interrupt.is_set()).map_err(failure)?;
+    let report = examine_robot(&addresses, host, config, lasts, &|| interrupt.is_set())?;
     for line in report.lines() {
         say!("{line}");
     }
     json.write(&report)?;
-    if report.verdict == Verdict::Fit {
+    if report.verdict == Fitness::Fit {
         return Ok(());
     }
     let what = format!("the controller at {host} is not ready: {}", report.bad());
     Err(Failure::new(Cause::Unfit, what, "do what stands beneath each, then run again"))
 }
 
-fn failure(error: DoctorError) -> Failure {
-    match error {
-        DoctorError::Interrupted => Failure::new(Cause::Interrupted, error, ""),
-        DoctorError::Failed { what, remedy } => Failure::failed(what, remedy),
-    }
-}
-
 fn seconds(text: &str) -> Result<f64, String> {
-    let seconds = text.parse().ok().filter(|seconds| (0.5..=3600.0).contains(seconds));
-    seconds.ok_or_else(|| "a number from 0.5 to 3600".to_owned())
+    values::number(0.5..=3600.0, "a number from 0.5 to 3600")(text)
 }
 
 #[cfg(test)]

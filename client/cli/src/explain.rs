@@ -3,7 +3,7 @@
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
-use foretrace_record::explain::{self, Told};
+use foretrace_record::explain::{self, Explanation};
 use foretrace_record::{RecordError, page};
 use serde::Serialize;
 
@@ -60,12 +60,12 @@ pub(crate) fn run(args: &ExplainArgs) -> Result<(), Failure> {
             }
         }
         None => {
-            let told = match &args.html {
+            let summary = match &args.html {
                 Some(target) => paged(&args.file, target)?,
                 None => explain::moments(&args.file).map_err(unrecorded)?,
             };
             (report.moments, report.every_ticks, report.damage) =
-                (told.moments, told.every_ticks, told.damage);
+                (summary.moments, summary.every_ticks, summary.damage);
             if report.every_ticks > 1 {
                 say!(
                     "one tick of {} has a record (telemetry.every_ticks): what happened between two is told of the \
@@ -85,18 +85,18 @@ pub(crate) fn run(args: &ExplainArgs) -> Result<(), Failure> {
     undamaged(&args.file, report.damage.as_deref())
 }
 
-/// Writes the page of `file` into the new file `target`; returns what is told of it.
-fn paged(file: &Path, target: &Path) -> Result<Told, Failure> {
+/// Writes the page of `file` into the new file `target`; returns its summary.
+fn paged(file: &Path, target: &Path) -> Result<Explanation, Failure> {
     // Before the file is read, which may take a while.
     if target.exists() {
         return Err(unrecorded(RecordError::Exists { path: target.to_path_buf() }));
     }
-    let (text, told) = page::of_recording(file).map_err(unrecorded)?;
+    let (text, summary) = page::of_recording(file).map_err(unrecorded)?;
     let written = foretrace_record::whole(target, |out| {
         let unwritten = |error| format!("the page cannot be written: {error}");
         out.write_all(text.as_bytes())
             .map_err(|error| RecordError::Format { path: target.to_path_buf(), why: unwritten(error) })
     });
     written.map_err(unrecorded)?;
-    Ok(told)
+    Ok(summary)
 }

@@ -6,7 +6,7 @@ use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 
 use foretrace_record::pen::pen_samples;
-use foretrace_record::read::Reader;
+use foretrace_record::read::RecordingReader;
 use foretrace_record::table;
 use foretrace_sim::data::PenLog;
 use serde::Serialize;
@@ -79,7 +79,7 @@ pub(crate) fn run(args: &ExportArgs) -> Result<(), Failure> {
 }
 
 fn numbers(args: &ExportArgs, target: &Path) -> Result<(u64, Option<String>), Failure> {
-    let mut reader = Reader::open(&args.file).map_err(unrecorded)?;
+    let mut reader = RecordingReader::open(&args.file).map_err(unrecorded)?;
     let written = foretrace_record::whole(target, |file| {
         table::csv(&mut reader, &args.topic, args.every, &args.fields, &mut BufWriter::new(file))
     });
@@ -88,7 +88,7 @@ fn numbers(args: &ExportArgs, target: &Path) -> Result<(u64, Option<String>), Fa
 
 /// Writes the pen samples that the ticks were given.
 fn pen(args: &ExportArgs, target: &Path) -> Result<(u64, Option<String>), Failure> {
-    let mut reader = Reader::open(&args.file).map_err(unrecorded)?;
+    let mut reader = RecordingReader::open(&args.file).map_err(unrecorded)?;
     let mut log = PenLog::copy(target, &args.writer).map_err(|error| {
         Failure::bad_input(error, "give a new --pen FILE in a folder that can be written")
     })?;

@@ -5,22 +5,21 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use foretrace_live::flight::{Flight, Options, Written};
+use foretrace_live::flight::{Flight, FlightFile, FlightOptions};
 use foretrace_live::last_flight;
+use foretrace_live::record_button::facts;
 use foretrace_live::recorder::unix_minus_monotonic;
-use foretrace_live::source::{Source, Wants};
+use foretrace_live::source::{LiveSource, Wants};
 use foretrace_shm::monotonic_now_ns;
 use serde::Serialize;
 
-use crate::attach::news;
 use crate::failure::Failure;
 use crate::interrupt::Interrupt;
 use crate::output::{JsonArgs, note, say};
-use crate::record::everything::facts;
 use crate::record::unrecorded;
 use crate::settings::InstanceArgs;
 
-/// Between two looks: pieces of a state wait for a quarter of a second at most.
+/// Between two looks: chunks of a state wait for a quarter of a second at most.
 const NAP: Duration = Duration::from_millis(4);
 
 /// Keep the last seconds in memory, and write them when a tick is late, a stop latches or plans fail
@@ -63,7 +62,7 @@ pub(crate) struct FlightArgs {
 /// The result; keys are stable.
 #[derive(Debug, Serialize)]
 struct FlightReport {
-    files: Vec<Written>,
+    files: Vec<FlightFile>,
     suppressed: u64,
 }
 
@@ -74,14 +73,14 @@ pub(crate) fn run(args: &FlightArgs) -> Result<(), Failure> {
     signal_hook::flag::register(signal_hook::consts::SIGUSR1, asked.clone())
         .map_err(|error| Failure::failed(format_args!("cannot listen to SIGUSR1: {error}"), ""))?;
     let instance = args.instance.instance()?;
-    let options = Options {
+    let options = FlightOptions {
         folder: args.folder.clone(),
         keep: Duration::from_secs(args.keep),
         apart: Duration::from_secs(args.apart),
         max_files: usize::from(args.max_files),
         facts: facts(&instance),
     };
-    let source = Source::open(&instance, Wants::ALL).map_err(unrecorded)?;
+    let source = LiveSource::open(&instance, Wants::ALL).map_err(unrecorded)?;
     let mut flight = Flight::start(source, options).map_err(unrecorded)?;
     note!("flight: the last {} s are kept; files go to {}", args.keep, args.folder.display());
     let deadline = args.seconds.map(|s| Instant::now() + Duration::from_secs_f64(s));
@@ -90,7 +89,7 @@ pub(crate) fn run(args: &FlightArgs) -> Result<(), Failure> {
         if asked.swap(false, Ordering::AcqRel) {
             flight.ask();
         }
-        match flight.hear(|changed| note!("flight: {}", news(changed))) {
+        match flight.hear(|changed| note!("flight: {}", changed.words())) {
             Ok(None) => {}
             Ok(Some(written)) => {
                 note!("flight: {}: {}", written.trigger.word(), written.recording.display());

@@ -3,9 +3,8 @@
 use std::net::SocketAddr;
 use std::time::{Duration, Instant};
 
-use foretrace_live::foxglove::{FoxgloveError, Options, Server};
+use foretrace_live::foxglove::{FoxgloveError, FoxgloveOptions, Server};
 
-use crate::attach::news;
 use crate::failure::Failure;
 use crate::interrupt::Interrupt;
 use crate::output::{JsonArgs, note, say};
@@ -57,7 +56,7 @@ pub(crate) fn run(args: &FoxgloveArgs) -> Result<(), Failure> {
     }
     args.json.claim()?;
     let interrupt = Interrupt::listen()?;
-    let options = Options { listen: args.listen, origins: args.allow_origin.clone() };
+    let options = FoxgloveOptions { listen: args.listen, origins: args.allow_origin.clone() };
     let server = Server::open(&args.instance.instance()?, options).map_err(|error| match error {
         FoxgloveError::Source(error) => unrecorded(error),
         other => Failure::failed(other, ""),
@@ -69,7 +68,7 @@ pub(crate) fn run(args: &FoxgloveArgs) -> Result<(), Failure> {
     }
     let deadline = args.seconds.map(|s| Instant::now() + Duration::from_secs_f64(s));
     let tally = server.run(
-        |changed| note!("foxglove: {}", news(changed)),
+        |changed| note!("foxglove: {}", changed.words()),
         || interrupt.is_set() || deadline.is_some_and(|deadline| Instant::now() >= deadline),
     );
     say!(
@@ -101,9 +100,9 @@ mod tests {
             shown += 1;
         }
         assert!(shown > 8, "{shown}");
-        let places = layout["layout"].to_string();
+        let arrangement = layout["layout"].to_string();
         for name in panels.keys() {
-            assert!(places.contains(&format!("\"{name}\"")), "{name} has no place");
+            assert!(arrangement.contains(&format!("\"{name}\"")), "{name} has no place");
         }
     }
 }

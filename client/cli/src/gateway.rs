@@ -1,17 +1,18 @@
 //! `foretrace gateway`: pen samples from programs of other users, which have no access to the shared memory.
 
+use std::cell::RefCell;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use foretrace_client::{Claimant, Foretrace, HolderKind, PenFeed, PenSample, Place, monotonic_now_ns};
-use foretrace_gateway::{Delivery, Gateway, Policy, Socket, Tally};
+use foretrace_client::{Claimant, HolderKind, Lasting, PenFeed, PenSample, Place, monotonic_now_ns};
+use foretrace_gateway::{Delivery, Gateway, GatewaySocket, GatewayTally, Policy};
 
-use crate::attach::{Lookout, News, attach_within, unattached};
+use crate::attach::{attach_within, follow, unattached};
 use crate::failure::Failure;
 use crate::interrupt::Interrupt;
 use crate::output::{JsonArgs, note, say};
-use crate::place::{TakeOver, handed_over};
 use crate::settings::InstanceArgs;
+use crate::take_over::{TakeOver, handed_over};
 
 /// Accept pen samples from programs of other users, over a socket, checked
 ///
@@ -52,7 +53,7 @@ pub(crate) struct GatewayArgs {
     burst: u32,
 
     /// Shortest time between two reports of the counts [s]; reports only changes
-    #[arg(long, value_name = "S", default_value_t = 5.0, value_parser = crate::play::source::positive)]
+    #[arg(long, value_name = "S", default_value_t = 5.0, value_parser = crate::values::positive)]
     status_every: f64,
 
     /// Seconds to wait for the daemon to come up
@@ -82,12 +83,11 @@ pub(crate) fn run(args: &GatewayArgs) -> Result<(), Failure> {
     args.json.claim()?;
     let interrupt = Interrupt::listen()?;
     let instance = args.instance.instance()?;
-    let mut foretrace = attach_within(&instance, Duration::from_secs_f64(args.wait))?;
+    let foretrace = attach_within(&instance, Duration::from_secs_f64(args.wait))?;
     let who = Claimant::new(HolderKind::Gateway, &args.socket.display().to_string());
     let feed = args.take_over.pen(&foretrace, &who).map_err(unattached)?;
-    let mut pen = Pen { feed: Some(feed), who, told: false };
-    let socket = Socket::open(&args.socket, args.mode, args.group)
-        .map_err(|error| Failure::bad_input(error.what, error.remedy))?;
+    let pen = RefCell::new(GatewayPen { feed: Lasting::new(foretrace, feed), reported: false });
+    let socket = GatewaySocket::open(&args.socket, args.mode, args.group)?;
     let policy = Policy {
         allowed: args.allow_uid.clone(),
         rate: args.rate,
@@ -95,7 +95,6 @@ pub(crate) fn run(args: &GatewayArgs) -> Result<(), Failure> {
         frame_time: FRAME_TIME,
         silence: SILENCE,
     };
-    let pen = std::cell::RefCell::new(&mut pen);
     let mut gateway =
         Gateway::new(socket, policy, |sample| pen.borrow_mut().pass_on(sample), monotonic_now_ns);
     note!(
@@ -105,17 +104,16 @@ pub(crate) fn run(args: &GatewayArgs) -> Result<(), Failure> {
         args.rate,
         args.burst
     );
-    let (begin, mut lookout) = (Instant::now(), Lookout::new());
-    let mut news = Told::new(Duration::from_secs_f64(args.status_every));
+    let begin = Instant::now();
+    let mut news = CountsReporter::new(Duration::from_secs_f64(args.status_every));
     let over = || args.seconds.is_some_and(|seconds| begin.elapsed().as_secs_f64() >= seconds);
     while !interrupt.is_set() && !over() {
         gateway.round().map_err(|error| {
             Failure::failed(format_args!("the socket failed: {error}"), "start the gateway again")
         })?;
-        look(&mut lookout, &mut foretrace, &mut pen.borrow_mut());
-        if let Some(feed) = &mut pen.borrow_mut().feed
-            && let Some(to) = feed.handed_to()
-        {
+        let feed = &mut pen.borrow_mut().feed;
+        follow("gateway", "waiting for the next", feed, |foretrace| foretrace.pen_feed_as(&who));
+        if let Some(to) = feed.handle.as_mut().and_then(PenFeed::handed_to) {
             return Err(handed_over(Place::Pen, Some(to)));
         }
         news.tell(&gateway);
@@ -125,42 +123,22 @@ pub(crate) fn run(args: &GatewayArgs) -> Result<(), Failure> {
     args.json.write(&tally)
 }
 
-fn look(lookout: &mut Lookout, foretrace: &mut Foretrace, pen: &mut Pen) {
-    match lookout.look(foretrace) {
-        News::None => {}
-        News::Gone => note!("gateway: the daemon is gone; waiting for the next"),
-        News::Back => note!("gateway: a daemon took over"),
-        News::Renewed => {
-            // The old feed holds the place that the new one needs.
-            pen.feed = None;
-            match foretrace.pen_feed_as(&pen.who) {
-                Ok(feed) => pen.feed = Some(feed),
-                Err(error) => {
-                    note!("{}", unattached(error));
-                    lookout.again();
-                }
-            }
-            note!("gateway: a new daemon is there");
-        }
-    }
-}
-
 /// The feed into shared memory.
-struct Pen {
-    feed: Option<PenFeed>,
-    who: Claimant,
-    told: bool,
+struct GatewayPen {
+    feed: Lasting<PenFeed>,
+    /// That samples fail has been reported.
+    reported: bool,
 }
 
-impl Pen {
+impl GatewayPen {
     fn pass_on(&mut self, sample: PenSample) -> Delivery {
-        match self.feed.as_mut().map(|feed| feed.send_sample(sample)) {
+        match self.feed.handle.as_mut().map(|feed| feed.send_sample(sample)) {
             Some(Ok(true)) => Delivery::Heard,
             Some(Ok(false)) | None => Delivery::Unheard,
             Some(Err(error)) => {
-                if !self.told {
+                if !self.reported {
                     note!("gateway: {error}; said only once");
-                    self.told = true;
+                    self.reported = true;
                 }
                 Delivery::Failed
             }
@@ -169,15 +147,15 @@ impl Pen {
 }
 
 /// The counts reported last.
-struct Told {
+struct CountsReporter {
     every: Duration,
     last: Instant,
-    tally: Tally,
+    tally: GatewayTally,
 }
 
-impl Told {
+impl CountsReporter {
     fn new(every: Duration) -> Self {
-        Self { every, last: Instant::now(), tally: Tally::default() }
+        Self { every, last: Instant::now(), tally: GatewayTally::default() }
     }
 
     fn tell<D: FnMut(PenSample) -> Delivery>(&mut self, gateway: &Gateway<D>) {

@@ -34,11 +34,11 @@ mod tests {
     use clap::CommandFactory;
 
     use super::*;
-    use crate::Arguments;
+    use crate::CommandLine;
 
     #[test]
     fn every_command_that_is_shown_is_in_one_group() {
-        let mut command = Arguments::command();
+        let mut command = CommandLine::command();
         command.build();
         let mut listed: Vec<&str> = GROUPS.iter().flat_map(|(_, names)| names.iter().copied()).collect();
         let mut shown: Vec<&str> =
@@ -49,7 +49,7 @@ mod tests {
         listed.sort_unstable();
         shown.sort_unstable();
         assert_eq!(listed, shown);
-        let help = grouped(Arguments::command()).render_help().to_string();
+        let help = grouped(CommandLine::command()).render_help().to_string();
         for words in ["Start here:", "  demo ", "Exit codes:", "--version", "Usage: foretrace <COMMAND>"] {
             assert!(help.contains(words), "{words} is not in\n{help}");
         }

@@ -14,16 +14,14 @@ mod interrupt;
 mod values;
 mod settings;
 mod attach;
-mod place;
+mod take_over;
 mod robot;
-mod ghost;
 mod shapes;
 mod config;
 mod daemon;
 mod arm;
 mod ur_echo;
 mod ur_sim;
-mod punctual;
 mod play;
 mod gateway;
 mod help;
@@ -42,9 +40,7 @@ mod request;
 mod enable;
 mod move_home;
 mod calibrate;
-mod stopped;
 mod torque;
-mod extent;
 mod status;
 mod demo;
 mod bench;
@@ -53,7 +49,7 @@ mod doctor;
 mod lab;
 // The documents also name commands of the lab.
 #[cfg(all(test, feature = "lab"))]
-mod documented;
+mod documented_tests;
 
 use std::process::ExitCode;
 
@@ -73,15 +69,15 @@ static ALLOCATOR: CountingAllocator = CountingAllocator;
 /// there, plans a smooth motion, and writes joint commands; a learner adapts the prediction while it runs.
 #[derive(Debug, Parser)]
 #[command(name = "foretrace", version, after_help = EXIT_CODES, max_term_width = 100)]
-struct Arguments {
+struct CommandLine {
     #[command(subcommand)]
-    command: Command,
+    command: ProgramCommand,
 }
 
 #[derive(Debug, Subcommand)]
-enum Command {
+enum ProgramCommand {
     Demo(Box<demo::DemoArgs>),
-    Daemon(daemon::DaemonArgs),
+    Daemon(daemon::DaemonCommandArgs),
     Play(play::PlayArgs),
     Tablet(tablet::TabletArgs),
     Console(console::ConsoleArgs),
@@ -129,15 +125,15 @@ pub fn main() -> ExitCode {
     limits::with_large_stack(program).unwrap_or_else(|error| {
         let remedy = "raise the limits of this process (ulimit -s, -v, -u)";
         let failure = Failure::failed(format_args!("no room to run in: {error}"), remedy);
-        output::note!("{failure}");
-        failure.exit_code()
+        output::note!("foretrace: {failure}");
+        ExitCode::from(failure.cause as u8)
     })
 }
 
 fn program() -> ExitCode {
-    let parsed = help::grouped(Arguments::command())
+    let parsed = help::grouped(CommandLine::command())
         .try_get_matches()
-        .and_then(|matches| Arguments::from_arg_matches(&matches));
+        .and_then(|matches| CommandLine::from_arg_matches(&matches));
     let arguments = match parsed {
         Ok(arguments) => arguments,
         Err(answer) => return output::command_line(&answer),
@@ -145,45 +141,45 @@ fn program() -> ExitCode {
     match run(&arguments.command) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
-            output::note!("{failure}");
+            output::note!("foretrace: {failure}");
             // A failure that names the limit itself needs no second line.
-            let told = failure.to_string().contains("(ulimit");
-            if let Some(low) = limits::low().filter(|_| failure.cause == Cause::Failed && !told) {
+            let named = failure.to_string().contains("(ulimit");
+            if let Some(low) = limits::low().filter(|_| failure.cause == Cause::Failed && !named) {
                 output::note!("foretrace: {low}");
             }
-            failure.exit_code()
+            ExitCode::from(failure.cause as u8)
         }
     }
 }
 
-fn run(command: &Command) -> Result<(), Failure> {
+fn run(command: &ProgramCommand) -> Result<(), Failure> {
     match command {
-        Command::Demo(args) => demo::run(args),
-        Command::Daemon(args) => daemon::run(args),
-        Command::Play(args) => play::run(args),
-        Command::Tablet(args) => tablet::run(args),
-        Command::Console(args) => console::run(args),
-        Command::Gateway(args) => gateway::run(args),
-        Command::Record(args) => record::run(args),
-        Command::Flight(args) => flight::run(args),
-        Command::Relay(args) => relay::run(args),
-        Command::Replay(args) => replay::run(args),
-        Command::Explain(args) => explain::run(args),
-        Command::Export(args) => export::run(args),
-        Command::Metrics(args) => metrics::run(args),
-        Command::Foxglove(args) => foxglove::run(args),
-        Command::Arm(command) => arm::run(command),
-        Command::UrSim(args) => ur_sim::run(args),
-        Command::UrEcho(args) => ur_echo::run(args),
-        Command::Request(args) => request::run(args),
-        Command::Enable(args) => enable::run(args),
-        Command::Move(command) => move_home::run(command),
-        Command::Calibrate(command) => calibrate::run(command),
-        Command::Status(args) => status::run(args),
-        Command::Bench(args) => bench::run(args),
-        Command::Doctor(args) => doctor::run(args),
+        ProgramCommand::Demo(args) => demo::run(args),
+        ProgramCommand::Daemon(args) => daemon::run(args),
+        ProgramCommand::Play(args) => play::run(args),
+        ProgramCommand::Tablet(args) => tablet::run(args),
+        ProgramCommand::Console(args) => console::run(args),
+        ProgramCommand::Gateway(args) => gateway::run(args),
+        ProgramCommand::Record(args) => record::run(args),
+        ProgramCommand::Flight(args) => flight::run(args),
+        ProgramCommand::Relay(args) => relay::run(args),
+        ProgramCommand::Replay(args) => replay::run(args),
+        ProgramCommand::Explain(args) => explain::run(args),
+        ProgramCommand::Export(args) => export::run(args),
+        ProgramCommand::Metrics(args) => metrics::run(args),
+        ProgramCommand::Foxglove(args) => foxglove::run(args),
+        ProgramCommand::Arm(command) => arm::run(command),
+        ProgramCommand::UrSim(args) => ur_sim::run(args),
+        ProgramCommand::UrEcho(args) => ur_echo::run(args),
+        ProgramCommand::Request(args) => request::run(args),
+        ProgramCommand::Enable(args) => enable::run(args),
+        ProgramCommand::Move(command) => move_home::run(command),
+        ProgramCommand::Calibrate(command) => calibrate::run(command),
+        ProgramCommand::Status(args) => status::run(args),
+        ProgramCommand::Bench(args) => bench::run(args),
+        ProgramCommand::Doctor(args) => doctor::run(args),
         #[cfg(feature = "lab")]
-        Command::Lab(command) => lab::run(command),
-        Command::Config(command) => config::run(command),
+        ProgramCommand::Lab(command) => lab::run(command),
+        ProgramCommand::Config(command) => config::run(command),
     }
 }

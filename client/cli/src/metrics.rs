@@ -4,12 +4,11 @@ use std::net::{SocketAddr, TcpListener};
 use std::time::{Duration, Instant};
 
 use foretrace_live::LiveError;
-use foretrace_live::metrics::{Board, serve, text};
-use foretrace_live::source::{Heard, News, Source, Wants};
+use foretrace_live::metrics::{MetricsBoard, serve, text};
+use foretrace_live::source::{LiveSource, SourceMessage, SourceNews, Wants};
 use foretrace_live::stages::Stages;
 use foretrace_shm::monotonic_now_ns;
 
-use crate::attach::news;
 use crate::failure::Failure;
 use crate::interrupt::Interrupt;
 use crate::output::note;
@@ -40,15 +39,15 @@ pub(crate) struct MetricsArgs {
 pub(crate) fn run(args: &MetricsArgs) -> Result<(), Failure> {
     let interrupt = Interrupt::listen()?;
     let instance = args.instance.instance()?;
-    let (mut source, mut stages) = match Source::open(&instance, Wants::TICKS) {
+    let (mut source, mut stages) = match LiveSource::open(&instance, Wants::TICKS) {
         Ok(source) => (source, Some(Stages::default())),
         Err(error @ LiveError::NoPlace { .. }) => {
             note!("metrics: no histograms of the stages: {error}");
-            (Source::open(&instance, Wants::STATUS).map_err(unrecorded)?, None)
+            (LiveSource::open(&instance, Wants::STATUS).map_err(unrecorded)?, None)
         }
         Err(error) => return Err(unrecorded(error)),
     };
-    let board = Board::default();
+    let board = MetricsBoard::default();
     board.show(text(None, None, monotonic_now_ns()));
     let unheard = |error| {
         Failure::failed(format_args!("cannot listen on {}: {error}", args.listen), "give another --listen")
@@ -60,18 +59,18 @@ pub(crate) fn run(args: &MetricsArgs) -> Result<(), Failure> {
     let (mut newest, mut shown) = (None, Instant::now());
     while !interrupt.is_set() {
         let changed = source.hear(|heard| match (heard, &mut stages) {
-            (Heard::Status(status), _) => newest = Some(status),
-            (Heard::Tick(record), Some(stages)) => stages.take(&record),
+            (SourceMessage::Status(status), _) => newest = Some(status),
+            (SourceMessage::Tick(record), Some(stages)) => stages.take(&record),
             _ => {}
         });
         if let Some(stages) = &mut stages {
             stages.lost = source.lost().ticks;
         }
         if let Some(changed) = changed {
-            if matches!(changed, News::Gone) {
+            if matches!(changed, SourceNews::Gone) {
                 newest = None;
             }
-            note!("metrics: {}", news(changed));
+            note!("metrics: {}", changed.words());
         }
         if shown.elapsed() >= TEXT {
             shown = Instant::now();

@@ -6,18 +6,17 @@
 use std::io::{BufRead, IsTerminal, Write};
 use std::time::{Duration, Instant};
 
-use foretrace_client::{
-    FaultReason, Instance, Mode, RequestError, Status, StatusReader, WayHome, monotonic_now_ns,
-};
+use foretrace_client::wire::{FaultReason, WayHome};
+use foretrace_client::{Instance, Mode, RequestError, Status, StatusReader, monotonic_now_ns};
+use foretrace_report::failures::refused;
+use foretrace_report::stopped;
 use serde_json::json;
 
 use crate::attach::unattached;
 use crate::failure::{Cause, Failure};
 use crate::interrupt::Interrupt;
 use crate::output::{JsonArgs, may_draw, note, say};
-use crate::request::refused;
 use crate::settings::InstanceArgs;
-use crate::stopped;
 
 /// Longer than the daemon's own limit for an answer.
 const ANSWER: Duration = Duration::from_secs(3);
@@ -73,7 +72,7 @@ fn home(args: &HomeArgs) -> Result<(), Failure> {
     let instance = args.instance.instance()?;
     let foretrace = args.instance.attach()?;
     let mut reader = foretrace.status().map_err(unattached)?;
-    let mut requests = foretrace.requests().map_err(unattached)?;
+    let mut requests = foretrace.requests();
     let before = reader.next_within(PATIENCE).ok_or_else(silent)?;
     let way = before.way_home;
     if way.farthest_rad >= 0.0 {
@@ -97,7 +96,7 @@ fn home(args: &HomeArgs) -> Result<(), Failure> {
         return Err(halted(&instance, Cause::Failed, &refused(&error).to_string()));
     }
     answered.map_err(|error| refused(&error))?;
-    let moving = Moving { instance: &instance, interrupt: &interrupt, since_ns: monotonic_now_ns() };
+    let moving = MovingHome { instance: &instance, interrupt: &interrupt, since_ns: monotonic_now_ns() };
     let at_home = moving.watch(&mut reader)?;
     let took_s = begin.elapsed().as_secs_f64();
     say!(
@@ -138,17 +137,17 @@ fn halted(instance: &Instance, cause: Cause, why: &str) -> Failure {
 }
 
 /// An arm on its way.
-struct Moving<'a> {
+struct MovingHome<'a> {
     instance: &'a Instance,
     interrupt: &'a Interrupt,
     /// When the daemon answered; older statuses are from before the motion.
     since_ns: u64,
 }
 
-impl Moving<'_> {
+impl MovingHome<'_> {
     /// Waits until it is at home; returns the remaining distance.
     fn watch(&self, reader: &mut StatusReader) -> Result<WayHome, Failure> {
-        let (mut heard, mut told) = (Instant::now(), Instant::now());
+        let (mut heard, mut reported) = (Instant::now(), Instant::now());
         loop {
             if self.interrupt.is_set() {
                 return Err(halted(self.instance, Cause::Interrupted, "interrupted on the way home"));
@@ -166,8 +165,8 @@ impl Moving<'_> {
             if Mode::try_from(status.mode) != Ok(Mode::Homing) {
                 return ended(&status);
             }
-            if may_draw() && told.elapsed() >= Duration::from_secs(1) {
-                told = Instant::now();
+            if may_draw() && reported.elapsed() >= Duration::from_secs(1) {
+                reported = Instant::now();
                 let way = &status.way_home;
                 note!("{:3.0} % of the way, {:.0} s to go", way.share.max(0.0) * 100.0, way.left_s.max(0.0));
             }
@@ -187,9 +186,9 @@ fn ended(status: &Status) -> Result<WayHome, Failure> {
                 FaultReason::None | FaultReason::Requested => {
                     "`foretrace move home` goes on from there".to_owned()
                 }
-                _ => stopped::told(status).1,
+                _ => stopped::explained(status).1,
             };
-            let why = stopped::told(status).0;
+            let why = stopped::explained(status).0;
             Err(Failure::failed(format_args!("the arm was stopped {left}: {why}"), remedy))
         }
         _ => Err(Failure::failed(
@@ -205,7 +204,7 @@ fn mode_of(status: &Status) -> &'static str {
 
 #[cfg(test)]
 mod tests {
-    use foretrace_client::{StopCause, StopDetail};
+    use foretrace_client::wire::{StopCause, StopDetail};
 
     use super::*;
 

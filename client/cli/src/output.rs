@@ -101,13 +101,16 @@ impl JsonArgs {
             put(&text);
             return Ok(());
         }
-        foretrace_sim::whole::write(path, |out| out.write_all(text.as_bytes())).map_err(|error| {
-            Failure::failed(
-                format_args!("cannot write {}: {error}", path.display()),
-                "give a writable --json FILE",
-            )
-        })
+        write_file(path, &text, "--json")
     }
+}
+
+/// Writes a text whole, or not at all, into the file of `option`.
+pub(crate) fn write_file(file: &Path, text: &str, option: &str) -> Result<(), Failure> {
+    foretrace_sim::whole::write(file, |out| out.write_all(text.as_bytes())).map_err(|error| {
+        let what = format_args!("cannot write {}: {error}", file.display());
+        Failure::failed(what, format_args!("give a writable {option} FILE"))
+    })
 }
 
 /// Whether a folder has reports or pictures, which a run would replace.
@@ -129,6 +132,16 @@ pub(crate) fn note_replaced(file: &Path, option: &str) {
 /// JSON on stdout. It may be a terminal, so control characters are escaped, which means the same in JSON.
 fn put(json: &str) {
     quietly(io::stdout().write_all(plain_lines(json).as_bytes()).and_then(|()| io::stdout().flush()));
+}
+
+/// Prints lines for people; see `say!`.
+pub(crate) fn say_lines(lines: Vec<String>) {
+    lines.iter().for_each(|line| say!("{line}"));
+}
+
+/// Prints a line of a library on stderr; see `note!`.
+pub(crate) fn tell(line: &str) {
+    note!("{line}");
 }
 
 /// Prints a line for people; see `say!`.
@@ -194,7 +207,7 @@ fn quietly(written: io::Result<()>) {
         if error.kind() == io::ErrorKind::BrokenPipe {
             std::process::exit(0);
         }
-        // A full disk or device: said where it can still be heard, for stdout cannot.
+        // A full disk or device: reported where it can still be read, for stdout cannot.
         let _ = writeln!(
             io::stderr(),
             "foretrace: stdout cannot be written: {error}; make room there, or write elsewhere"

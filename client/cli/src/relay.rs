@@ -4,7 +4,6 @@ use std::time::{Duration, Instant};
 
 use foretrace_live::relay::Relay;
 
-use crate::attach::news;
 use crate::failure::Failure;
 use crate::interrupt::Interrupt;
 use crate::output::{JsonArgs, note, say};
@@ -43,7 +42,7 @@ pub(crate) fn run(args: &RelayArgs) -> Result<(), Failure> {
     let mut listeners = 0;
     while !interrupt.is_set() && deadline.is_none_or(|deadline| Instant::now() < deadline) {
         if let Some(changed) = relay.turn() {
-            note!("relay: {}", news(changed));
+            note!("relay: {}", changed.words());
         }
         let now = relay.tally().listeners;
         if std::mem::replace(&mut listeners, now) != now {

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use foretrace_record::picture::draw;
-use foretrace_record::replay::{Difference, End, Outcome, ReplayError, Start, replay};
+use foretrace_record::replay::{Difference, ReplayEnd, ReplayError, ReplayOutcome, ReplayStart, replay};
 use foretrace_record::what_if::{Variant, WhatIfError, what_if};
 
 use crate::failure::Failure;
@@ -47,16 +47,18 @@ pub(crate) fn run(args: &ReplayArgs) -> Result<(), Failure> {
     }
     let outcome = replay(&args.file).map_err(unreplayed)?;
     let from = match outcome.start {
-        Start::FirstTick => "the first tick",
-        Start::State => "a state",
+        ReplayStart::FirstTick => "the first tick",
+        ReplayStart::State => "a state",
     };
     let end = match &outcome.end {
-        End::OfRecording => "the end of the recording".to_owned(),
-        End::Gap { next } => format!("a gap: tick {next} is the next one there"),
-        End::Incomplete => "a tick whose pen samples are missing".to_owned(),
-        End::NoWeights { version } => format!("a tick that was offered weights {version}, which are missing"),
-        End::OtherDaemon => "where another daemon took over".to_owned(),
-        End::Damaged { .. } => "where the file is damaged".to_owned(),
+        ReplayEnd::OfRecording => "the end of the recording".to_owned(),
+        ReplayEnd::Gap { next } => format!("a gap: tick {next} is the next one there"),
+        ReplayEnd::Incomplete => "a tick whose pen samples are missing".to_owned(),
+        ReplayEnd::NoWeights { version } => {
+            format!("a tick that was offered weights {version}, which are missing")
+        }
+        ReplayEnd::OtherDaemon => "where another daemon took over".to_owned(),
+        ReplayEnd::Damaged { .. } => "where the file is damaged".to_owned(),
     };
     say!(
         "{}: {} ticks ({:.1} s) from tick {}, {from}, to {end}",
@@ -128,7 +130,7 @@ fn unanswered(error: WhatIfError) -> Failure {
 }
 
 /// An error if anything differs, or nothing was compared.
-fn verdict(outcome: &Outcome) -> Result<(), Failure> {
+fn verdict(outcome: &ReplayOutcome) -> Result<(), Failure> {
     let Some(Difference { tick, field, recorded, replayed }) = &outcome.difference else {
         if outcome.ticks == 0 {
             return Err(Failure::failed("no tick could be run again", "record for a second at least"));

@@ -6,11 +6,12 @@
 use std::sync::mpsc::{self, RecvTimeoutError};
 use std::time::{Duration, Instant};
 
-use foretrace_client::{ControlResponse, ControlStatus, Mode, RequestError, Requests, StopError, Stopped};
+use foretrace_client::wire::{ControlResponse, ControlStatus};
+use foretrace_client::{Mode, RequestError, Requests, StopError, Stopped};
 use foretrace_control::predict::PredictorKind;
+use foretrace_report::failures::refused;
 use serde_json::json;
 
-use crate::attach::unattached;
 use crate::failure::{Cause, Failure};
 use crate::output::{JsonArgs, say};
 use crate::settings::InstanceArgs;
@@ -20,13 +21,13 @@ use crate::values;
 #[derive(Debug, clap::Args)]
 pub(crate) struct RequestArgs {
     #[command(subcommand)]
-    request: Request,
+    request: DaemonRequest,
 
     #[command(flatten)]
     instance: InstanceArgs,
 
     /// Seconds to wait for the answer [default: 2; reload: 12]
-    #[arg(long, value_name = "S", global = true, value_parser = timeout)]
+    #[arg(long, value_name = "S", global = true, value_parser = values::number(0.01..=3600.0, "a number of seconds from 0.01 to 3600"))]
     timeout: Option<f64>,
 
     #[command(flatten)]
@@ -34,7 +35,7 @@ pub(crate) struct RequestArgs {
 }
 
 #[derive(Debug, Clone, PartialEq, clap::Subcommand)]
-enum Request {
+enum DaemonRequest {
     /// Take over the arm at its measured joints; also clears a latched stop
     Arm,
     /// Stop smoothly and disarm
@@ -45,7 +46,7 @@ enum Request {
     Trust {
         /// 0 (hold only) to 1 (prediction only), auto (evidence decides), or freeze (stays as it is)
         #[arg(value_name = "VALUE|auto|freeze", value_parser = trust)]
-        value: Trust,
+        value: TrustSetting,
     },
     /// Switch to another predictor; trust goes through 0
     Predictor {
@@ -59,7 +60,7 @@ enum Request {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Trust {
+enum TrustSetting {
     Auto,
     Freeze,
     By(f64),
@@ -68,9 +69,9 @@ enum Trust {
 pub(crate) fn run(args: &RequestArgs) -> Result<(), Failure> {
     args.json.claim()?;
     // Another process reads the settings first, perhaps after one that is under way.
-    let usual = if args.request == Request::Reload { 12.0 } else { 2.0 };
+    let usual = if args.request == DaemonRequest::Reload { 12.0 } else { 2.0 };
     let wait = Duration::from_secs_f64(args.timeout.unwrap_or(usual));
-    if args.request == Request::Stop {
+    if args.request == DaemonRequest::Stop {
         return stop(args, wait);
     }
     let answer = match asked(args, wait)? {
@@ -94,9 +95,9 @@ fn asked(args: &RequestArgs, wait: Duration) -> Result<Result<ControlResponse, R
     // The thread itself reports the daemon's silence, so it has to be done sooner, with what attaching takes.
     let done_by = Instant::now() + (wait - (wait / 5).min(Duration::from_millis(100)));
     let asking = move || {
-        let asked = instance.attach().and_then(|foretrace| {
-            let mut requests = foretrace.requests().map_err(unattached)?;
-            Ok(ask(&mut requests, &request, done_by.saturating_duration_since(Instant::now())))
+        let asked = instance.attach().map(|foretrace| {
+            let mut requests = foretrace.requests();
+            ask(&mut requests, &request, done_by.saturating_duration_since(Instant::now()))
         });
         // The receiver may be gone.
         let _ = answer.send(asked);
@@ -140,42 +141,21 @@ fn stop(args: &RequestArgs, wait: Duration) -> Result<(), Failure> {
     args.json.write(&result(status, "", mode.map_or(u32::MAX, u32::from), trust.unwrap_or(f64::NAN)))
 }
 
-/// The failure that a request's error means.
-pub(crate) fn refused(error: &RequestError) -> Failure {
-    match error {
-        RequestError::Refused { .. } => Failure::new(Cause::Refused, error, "see `foretrace status`"),
-        RequestError::Invalid(_) => Failure::new(Cause::Usage, error, ""),
-        RequestError::NoAnswer(_) | RequestError::NotConnected(_) => Failure::failed(error, ""),
-    }
-}
-
-/// A refusal to arm that may be transient: the arm has not reported yet.
-pub(crate) fn may_pass(error: &RequestError) -> bool {
-    match error {
-        RequestError::NoAnswer(_) | RequestError::NotConnected(_) => true,
-        other => matches!(
-            other.refusal(),
-            Some(
-                ControlStatus::NoJointState
-                    | ControlStatus::JointStateStale
-                    | ControlStatus::RobotNotReady
-                    | ControlStatus::Busy
-            )
-        ),
-    }
-}
-
-fn ask(requests: &mut Requests, request: &Request, wait: Duration) -> Result<ControlResponse, RequestError> {
+fn ask(
+    requests: &mut Requests,
+    request: &DaemonRequest,
+    wait: Duration,
+) -> Result<ControlResponse, RequestError> {
     match request {
-        Request::Arm => requests.arm(wait),
-        Request::Disarm => requests.disarm(wait),
-        Request::Stop => requests.stop(wait),
-        Request::Trust { value: Trust::Auto } => requests.trust_auto(wait),
-        Request::Trust { value: Trust::Freeze } => requests.freeze_trust(wait),
-        Request::Trust { value: Trust::By(value) } => requests.set_trust(*value, wait),
-        Request::Predictor { kind } => requests.switch_predictor(kind.name(), wait),
-        Request::Reload => requests.reload(wait),
-        Request::Query => requests.query(wait),
+        DaemonRequest::Arm => requests.arm(wait),
+        DaemonRequest::Disarm => requests.disarm(wait),
+        DaemonRequest::Stop => requests.stop(wait),
+        DaemonRequest::Trust { value: TrustSetting::Auto } => requests.trust_auto(wait),
+        DaemonRequest::Trust { value: TrustSetting::Freeze } => requests.freeze_trust(wait),
+        DaemonRequest::Trust { value: TrustSetting::By(value) } => requests.set_trust(*value, wait),
+        DaemonRequest::Predictor { kind } => requests.switch_predictor(kind.name(), wait),
+        DaemonRequest::Reload => requests.reload(wait),
+        DaemonRequest::Query => requests.query(wait),
     }
 }
 
@@ -185,18 +165,13 @@ fn result(status: ControlStatus, message: &str, detail: u32, value: f64) -> serd
     json!({ "status": status.label(), "message": message, "success": success, "mode": mode, "trust": value })
 }
 
-fn trust(text: &str) -> Result<Trust, String> {
+fn trust(text: &str) -> Result<TrustSetting, String> {
     match text.parse::<f64>() {
-        _ if text == "auto" => Ok(Trust::Auto),
-        _ if text == "freeze" => Ok(Trust::Freeze),
-        Ok(value) if (0.0..=1.0).contains(&value) => Ok(Trust::By(value)),
+        _ if text == "auto" => Ok(TrustSetting::Auto),
+        _ if text == "freeze" => Ok(TrustSetting::Freeze),
+        Ok(value) if (0.0..=1.0).contains(&value) => Ok(TrustSetting::By(value)),
         _ => Err("a number from 0 to 1, auto or freeze".to_owned()),
     }
-}
-
-fn timeout(text: &str) -> Result<f64, String> {
-    let seconds = text.parse().ok().filter(|seconds| (0.01..=3600.0).contains(seconds));
-    seconds.ok_or_else(|| "a number of seconds from 0.01 to 3600".to_owned())
 }
 
 #[cfg(test)]
@@ -205,9 +180,9 @@ mod tests {
 
     #[test]
     fn trust_is_a_share_or_auto() {
-        assert_eq!(trust("auto"), Ok(Trust::Auto));
-        assert_eq!(trust("freeze"), Ok(Trust::Freeze));
-        assert_eq!(trust("0.25"), Ok(Trust::By(0.25)));
+        assert_eq!(trust("auto"), Ok(TrustSetting::Auto));
+        assert_eq!(trust("freeze"), Ok(TrustSetting::Freeze));
+        assert_eq!(trust("0.25"), Ok(TrustSetting::By(0.25)));
         for wrong in ["1.1", "-0.1", "nan", "inf", ""] {
             assert!(trust(wrong).is_err(), "{wrong}");
         }

@@ -2,12 +2,8 @@
 
 use foretrace_ur::bridge::address::Addresses;
 
-use crate::failure::{Cause, Failure};
+use crate::failure::Failure;
 
-/// What to do where a controller does not answer as it should.
-pub(crate) const DOCTOR: &str = "`foretrace doctor --robot HOST` looks at every port and says what to do";
-
-/// The controller.
 #[derive(Debug, Clone, clap::Args)]
 pub(crate) struct HostArgs {
     /// Name or IP address of the controller, as the pendant shows it under Network
@@ -24,5 +20,5 @@ impl HostArgs {
 
 /// Where the ports of `host` are.
 pub(crate) fn addresses(host: &str) -> Result<Addresses, Failure> {
-    Addresses::of(host).map_err(|error| Failure::new(Cause::Usage, error, ""))
+    Addresses::of(host).map_err(|error| Failure::usage(error, ""))
 }

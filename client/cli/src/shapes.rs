@@ -1,12 +1,12 @@
 //! `foretrace config shapes`: capsules around the meshes of a robot description, as URDF to paste.
 
-use std::io::Write as _;
 use std::path::PathBuf;
 
-use foretrace_shapes::{Options, ShapesError, fragment, propose};
+use foretrace_shapes::{ShapesError, ShapesOptions, fragment, propose};
 
 use crate::failure::Failure;
-use crate::output::{note, say};
+use crate::output::{note, say, write_file};
+use crate::values;
 
 /// Propose capsules for links that have only meshes, as a URDF fragment to paste
 ///
@@ -33,13 +33,13 @@ pub(crate) struct ShapesArgs {
     most: Vec<(Option<String>, usize)>,
 
     /// How far a mesh may stick out of its capsules, for a closer fit: 0 to 5 mm
-    #[arg(long, value_name = "MM", default_value = "0", value_parser = outside)]
+    #[arg(long, value_name = "MM", default_value = "0", value_parser = values::number(0.0..=5.0, "a number from 0 to 5, in millimetres"))]
     outside_mm: f64,
 }
 
 pub(crate) fn run(args: &ShapesArgs) -> Result<(), Failure> {
     let ShapesArgs { urdf, out, packages, most, outside_mm } = args;
-    let options = Options { packages: packages.clone(), most: most.clone(), outside_mm: *outside_mm };
+    let options = ShapesOptions { packages: packages.clone(), most: most.clone(), outside_mm: *outside_mm };
     let proposals = propose(urdf, &options).map_err(|error| {
         let remedy = match error {
             ShapesError::Description { .. } => "give a robot description in URDF",
@@ -54,12 +54,7 @@ pub(crate) fn run(args: &ShapesArgs) -> Result<(), Failure> {
     match out {
         None => say!("{}", fragment.trim_end()),
         Some(file) => {
-            foretrace_sim::whole::write(file, |out| out.write_all(fragment.as_bytes())).map_err(|error| {
-                Failure::failed(
-                    format_args!("cannot write {}: {error}", file.display()),
-                    "give a writable --out FILE",
-                )
-            })?;
+            write_file(file, &fragment, "--out")?;
             say!("{count} capsules written to {}", file.display());
         }
     }
@@ -70,13 +65,6 @@ pub(crate) fn run(args: &ShapesArgs) -> Result<(), Failure> {
         );
     }
     Ok(())
-}
-
-fn outside(text: &str) -> Result<f64, String> {
-    match text.parse() {
-        Ok(mm) if (0.0..=5.0).contains(&mm) => Ok(mm),
-        _ => Err("a number from 0 to 5, in millimetres".to_owned()),
-    }
 }
 
 /// More than an arm may have are of no use.

@@ -1,19 +1,21 @@
 //! The terminal: its size, and keys as they are pressed.
 //!
-//! Contract: keys arrive one by one and are not echoed while a [`Keys`] lives; the terminal is as it was once
-//! that is dropped. Ctrl-C stays a signal: who has keys looks at the flag often, since a second one ends the
-//! program at once.
+//! Contract: keys arrive one by one and are not echoed while a [`TypedKeys`] lives; the terminal is as it was
+//! once that is dropped. Ctrl-C stays a signal: who has keys looks at the flag often, since a second
+//! one ends the program at once.
 
 use std::fs::File;
-use std::io::{self, IsTerminal, Read};
+use std::io::{self, BufRead, IsTerminal, Read};
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::termios::{LocalModes, OptionalActions, Termios, tcgetattr, tcgetwinsize, tcsetattr};
 
+use crate::failure::Failure;
+
 /// Columns and lines of the terminal behind stdout; `None` where it is none, or does not say.
 pub(crate) fn size() -> Option<(usize, usize)> {
-    let told = io::stdout().is_terminal().then(|| tcgetwinsize(io::stdout()).ok()).flatten()?;
-    (told.ws_col > 0 && told.ws_row > 0).then_some((told.ws_col.into(), told.ws_row.into()))
+    let size = io::stdout().is_terminal().then(|| tcgetwinsize(io::stdout()).ok()).flatten()?;
+    (size.ws_col > 0 && size.ws_row > 0).then_some((size.ws_col.into(), size.ws_row.into()))
 }
 
 /// Whether words on stdout may be coloured (<https://no-color.org>).
@@ -23,13 +25,39 @@ pub(crate) fn has_colour() -> bool {
     io::stdout().is_terminal() && !refused && !dumb
 }
 
-/// Keys of the terminal behind stdin.
-pub(crate) struct Keys {
+/// Bytes of the longest line that is read as one.
+const LINE_BYTES: u64 = 256;
+
+/// Gives what is typed to `take`, line by line, until that is false; a longer line comes in chunks. The
+/// thread, called `name`, ends with its input.
+pub(crate) fn read_lines(
+    name: &str,
+    mut take: impl FnMut(&str) -> bool + Send + 'static,
+) -> Result<(), Failure> {
+    let reads = move || {
+        let mut input = io::stdin().lock();
+        loop {
+            let mut bytes = Vec::new();
+            match Read::take(&mut input, LINE_BYTES).read_until(b'\n', &mut bytes) {
+                Ok(0) | Err(_) => return,
+                Ok(_) if take(&String::from_utf8_lossy(&bytes)) => {}
+                Ok(_) => return,
+            }
+        }
+    };
+    let started = std::thread::Builder::new().name(name.to_owned()).spawn(reads);
+    started.map(drop).map_err(|error| {
+        Failure::failed(format_args!("no thread can be started: {error}"), "raise `ulimit -u`")
+    })
+}
+
+/// TypedKeys of the terminal behind stdin.
+pub(crate) struct TypedKeys {
     input: File,
     before: Termios,
 }
 
-impl Keys {
+impl TypedKeys {
     /// `None` where stdin is no terminal.
     pub(crate) fn listen() -> Option<Self> {
         use std::os::fd::AsFd;
@@ -69,7 +97,7 @@ impl Keys {
     }
 }
 
-impl Drop for Keys {
+impl Drop for TypedKeys {
     fn drop(&mut self) {
         let _ = tcsetattr(&self.input, OptionalActions::Now, &self.before);
     }

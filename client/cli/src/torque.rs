@@ -16,8 +16,8 @@ pub(crate) fn run(settings: &SettingsArgs) -> Result<(), Failure> {
         )
     })?;
     say!("{}", table(config.name(), &room));
-    for told in room.exceeded() {
-        say!("\n{}: {}", if told.serious { "warning" } else { "note" }, told.text);
+    for excess in room.exceeded() {
+        say!("\n{}: {}", if excess.serious { "warning" } else { "note" }, excess.text);
     }
     Ok(())
 }

@@ -2,18 +2,18 @@
 
 use std::net::{SocketAddr, TcpListener};
 
+use foretrace_arm::priority;
 use foretrace_ur_sim::echo;
 
 use crate::failure::Failure;
 use crate::interrupt::Interrupt;
-use crate::output::JsonArgs;
-use crate::punctual;
+use crate::output::{JsonArgs, tell};
 
 /// Play one end of a bare echo pair: what line and machine do to counters
 #[derive(Debug, clap::Args)]
 pub(crate) struct UrEchoArgs {
     #[arg(value_enum)]
-    role: Role,
+    role: EchoRole,
 
     /// Where the controller listens
     #[arg(long, value_name = "ADDRESS:PORT")]
@@ -32,7 +32,7 @@ pub(crate) struct UrEchoArgs {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-enum Role {
+enum EchoRole {
     Controller,
     Bridge,
 }
@@ -43,11 +43,11 @@ pub(crate) fn run(args: &UrEchoArgs) -> Result<(), Failure> {
     let broken = |error: std::io::Error| Failure::failed(format_args!("{}: {error}", args.at), "");
     let mut goes_on = || !interrupt.is_set();
     if let Some(priority) = args.priority {
-        punctual::ask("ur-echo", priority, false);
+        priority::ask("ur-echo", priority, false, &tell);
     }
     match args.role {
-        Role::Bridge => echo::bridge(args.at, &mut goes_on).map_err(broken),
-        Role::Controller => {
+        EchoRole::Bridge => echo::bridge(args.at, &mut goes_on).map_err(broken),
+        EchoRole::Controller => {
             let listener = TcpListener::bind(args.at).map_err(broken)?;
             let tally = echo::controller(&listener, args.rate, &mut goes_on).map_err(broken)?;
             args.json.write(&tally)

@@ -7,16 +7,17 @@ use std::f64::consts::TAU;
 use std::net::{IpAddr, Ipv4Addr};
 use std::time::{Duration, Instant};
 
+use foretrace_arm::priority;
 use foretrace_ur::rtde::ControllerVersion;
 use foretrace_ur_sim::options::{MODEL, usual_version};
-use foretrace_ur_sim::{Controller, Options, Series, Service};
+use foretrace_ur_sim::{Controller, ControllerOptions, Series, Service};
 use serde::Serialize;
 
 use crate::arm::options::JointArgs;
-use crate::failure::{Cause, Failure};
+use crate::failure::Failure;
 use crate::interrupt::Interrupt;
-use crate::output::{JsonArgs, note};
-use crate::punctual;
+use crate::output::{JsonArgs, note, tell};
+use crate::values;
 
 /// The tool of its installation at first: the pen of the presets.
 const PEN: &str = "tcp 0 0 0.15 0 0 0";
@@ -62,7 +63,7 @@ pub(crate) struct UrSimArgs {
     from: Option<Vec<f64>>,
 
     /// Give the arm a calibration of its own: the flange is off the nominal one by this much [mm]
-    #[arg(long, value_name = "MM", default_value_t = 0.0, value_parser = millimetres)]
+    #[arg(long, value_name = "MM", default_value_t = 0.0, value_parser = values::number(0.0..=50.0, "from 0 to 50 mm"))]
     calibration_error_mm: f64,
 
     /// Seed of the calibration
@@ -100,7 +101,7 @@ enum SeriesArg {
 
 /// A run in figures; keys are stable.
 #[derive(Debug, Serialize)]
-struct Report {
+struct UrSimReport {
     seconds: f64,
     connections: usize,
     /// Why it had no real-time priority; none where it had.
@@ -116,11 +117,6 @@ fn software(text: &str) -> Result<ControllerVersion, String> {
     }
 }
 
-fn millimetres(text: &str) -> Result<f64, String> {
-    let number = text.parse::<f64>().ok().filter(|mm| (0.0..=50.0).contains(mm));
-    number.ok_or_else(|| "from 0 to 50 mm".to_owned())
-}
-
 pub(crate) fn run(args: &UrSimArgs) -> Result<(), Failure> {
     args.json.claim()?;
     let interrupt = Interrupt::listen()?;
@@ -128,7 +124,7 @@ pub(crate) fn run(args: &UrSimArgs) -> Result<(), Failure> {
         SeriesArg::Cb3 => Series::Cb3,
         SeriesArg::E => Series::E,
     };
-    let mut options = Options {
+    let mut options = ControllerOptions {
         version: args.software.unwrap_or(usual_version(series)),
         bind: args.bind,
         ephemeral_ports: args.ephemeral_ports,
@@ -137,13 +133,13 @@ pub(crate) fn run(args: &UrSimArgs) -> Result<(), Failure> {
         running: !args.power_off,
         damping: args.joints.damping(),
         mechanics: args.joints.mechanics(),
-        ..Options::new(series)
+        ..ControllerOptions::new(series)
     };
     if let Some(from) = &args.from {
         options.q = standing(from)?;
     }
     // Before its threads are made: those that take what clients send keep the cycle as the control loop does.
-    let missing = punctual::ask("ur-sim", PRIORITY, args.no_rights);
+    let missing = priority::ask("ur-sim", PRIORITY, args.no_rights, &tell);
     let controller = Controller::start(options).map_err(|error| Failure::failed(error, ""))?;
     for order in std::iter::once(PEN).chain(args.orders.iter().map(String::as_str)) {
         let answer = controller.obey(order);
@@ -169,7 +165,7 @@ pub(crate) fn run(args: &UrSimArgs) -> Result<(), Failure> {
         interrupt.wait(end.map_or(LOOK, |end| LOOK.min(end.saturating_sub(began.elapsed()))));
     }
     let state = serde_json::from_str(&controller.status()).unwrap_or_default();
-    let report = Report {
+    let report = UrSimReport {
         seconds: began.elapsed().as_secs_f64(),
         connections: controller.connections(),
         not_real_time: missing,
@@ -182,8 +178,7 @@ pub(crate) fn run(args: &UrSimArgs) -> Result<(), Failure> {
 fn standing(from: &[f64]) -> Result<[f64; 6], Failure> {
     let q: Option<[f64; 6]> = from.try_into().ok();
     q.filter(|q| q.iter().all(|q| q.abs() <= TAU)).ok_or_else(|| {
-        Failure::new(
-            Cause::Usage,
+        Failure::usage(
             "--from wants six joints within a turn of 0",
             "give --from=Q1,...,Q6, base first, in radians",
         )

@@ -4,6 +4,8 @@
 //! exclude each other) is 2. An error in an input is 5: settings, also from `--set`, recordings, texts, data
 //! sets, files.
 
+use std::ops::RangeInclusive;
+
 use foretrace_config::{LONGEST_ROOT_BYTES, presets};
 use foretrace_control::predict::PredictorKind;
 
@@ -59,16 +61,37 @@ pub(crate) fn trust(text: &str) -> Result<String, String> {
     Err("a number from 0 (hold only) to 1 (prediction only), or auto".to_owned())
 }
 
+/// Judges a number by its `legal` range; `words` say what to give instead of another one.
+pub(crate) fn number(
+    legal: RangeInclusive<f64>,
+    words: &'static str,
+) -> impl Fn(&str) -> Result<f64, String> + Clone + Send + Sync + 'static {
+    move |text| text.parse().ok().filter(|number| legal.contains(number)).ok_or_else(|| words.to_owned())
+}
+
+/// One of several words, with what it stands for.
+pub(crate) fn word<T: Clone + Send + Sync + 'static, const N: usize>(
+    known: [(&'static str, T); N],
+    words: &'static str,
+) -> impl Fn(&str) -> Result<T, String> + Clone + Send + Sync + 'static {
+    move |text| {
+        let found = known.iter().find(|(word, _)| *word == text);
+        found.map(|(_, value)| value.clone()).ok_or_else(|| words.to_owned())
+    }
+}
+
 /// Seconds to wait, none included.
 pub(crate) fn wait(text: &str) -> Result<f64, String> {
-    let seconds = text.parse().ok().filter(|seconds| (0.0..=3600.0).contains(seconds));
-    seconds.ok_or_else(|| "a number of seconds from 0 to 3600".to_owned())
+    number(0.0..=3600.0, "a number of seconds from 0 to 3600")(text)
 }
 
 /// A length of time that something lasts [s].
 pub(crate) fn lasting(text: &str) -> Result<f64, String> {
-    let seconds = text.parse().ok().filter(|seconds| (1e-3..=1e6).contains(seconds));
-    seconds.ok_or_else(|| "a number of seconds from 0.001 to 1000000".to_owned())
+    number(1e-3..=1e6, "a number of seconds from 0.001 to 1000000")(text)
+}
+
+pub(crate) fn positive(text: &str) -> Result<f64, String> {
+    number(f64::MIN_POSITIVE..=1000.0, "a number above 0, at most 1000")(text)
 }
 
 #[cfg(test)]

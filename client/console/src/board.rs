@@ -8,42 +8,44 @@ use std::sync::mpsc::{Sender, SyncSender, TrySendError};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use foretrace_client::{PenSample, monotonic_now_ns};
+use foretrace_client::PenSample;
+/// Now, on the monotonic clock \[ns\].
+pub(crate) use foretrace_client::monotonic_now_ns as now_ns;
 use foretrace_serve::guard::Token;
 use serde::Serialize;
 
-use crate::keys::{Keys, Verdict};
-use crate::message::{HOLD_LASTS_NS, Request};
+use crate::keys::{KeyVerdict, Keys};
+use crate::message::{HOLD_LASTS_NS, OperatorRequest};
 
 /// An order that has waited for longer is dropped \[ns\].
 pub(crate) const ORDER_LASTS_NS: u64 = 1_000_000_000;
 
 /// What a page asked for, when, and where the answer goes.
 #[derive(Debug)]
-pub(crate) struct Order {
-    pub(crate) what: What,
+pub(crate) struct PageOrder {
+    pub(crate) what: PageAction,
     pub(crate) page: u64,
     /// When a person asked for it \[ns, monotonic clock\].
     pub(crate) asked_ns: u64,
-    pub(crate) reply: Sender<Reply>,
+    pub(crate) reply: Sender<PageReply>,
 }
 
 /// Things that are carried out elsewhere than at the page's own thread.
 #[derive(Debug)]
-pub(crate) enum What {
-    Ask(Request),
+pub(crate) enum PageAction {
+    Ask(OperatorRequest),
     Write(String),
     TakePen,
     Record(bool),
 }
 
-impl Order {
+impl PageOrder {
     /// Whether it may still be carried out.
     ///
     /// # Errors
     ///
     /// A word for the count of refusals.
-    pub(crate) fn judge(&self, board: &Board, now_ns: u64) -> Result<(), &'static str> {
+    pub(crate) fn judge(&self, board: &ConsoleBoard, now_ns: u64) -> Result<(), &'static str> {
         if now_ns.saturating_sub(self.asked_ns) > ORDER_LASTS_NS {
             Err("order waited for too long")
         } else if board.stops.last_ns() >= self.asked_ns {
@@ -55,25 +57,30 @@ impl Order {
         }
     }
 
-    /// Drops it, counted and told.
-    pub(crate) fn refuse(self, board: &Board, reason: &'static str) {
+    /// Drops it, counted and answered.
+    pub(crate) fn refuse(self, board: &ConsoleBoard, reason: &'static str) {
         board.refuse(reason);
         // The page may be gone.
-        let _ =
-            self.reply.send(Reply { done: false, words: format!("not carried out: {reason}; ask again") });
+        let _ = self.reply.send(Err(format!("not carried out: {reason}; ask again")).into());
     }
 }
 
-/// An answer for people.
+/// An answer that a page shows.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-pub(crate) struct Reply {
+pub(crate) struct PageReply {
     pub(crate) done: bool,
     pub(crate) words: String,
 }
 
+impl From<Result<String, String>> for PageReply {
+    fn from(done: Result<String, String>) -> Self {
+        Self { done: done.is_ok(), words: done.unwrap_or_else(|words| words) }
+    }
+}
+
 /// What came and went; keys are stable.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
-pub struct Tally {
+pub struct ConsoleTally {
     /// Pages that were connected.
     pub pages: u64,
     /// Requests, messages and connections that were refused, by reason.
@@ -91,32 +98,35 @@ pub struct Tally {
 }
 
 /// A page that waits for the confirmation of its stop.
-pub(crate) struct Waiting {
+pub(crate) struct PendingStop {
     page: u64,
     pub(crate) address: String,
-    pub(crate) reply: Sender<Reply>,
+    pub(crate) reply: Sender<PageReply>,
     /// Times that it has asked.
     pub(crate) times: u64,
 }
 
 /// The stops that wait, and when the last one was asked for.
 #[derive(Default)]
-pub(crate) struct Stops {
-    waiting: Mutex<Vec<Waiting>>,
+pub(crate) struct PendingStops {
+    waiting: Mutex<Vec<PendingStop>>,
     came: Condvar,
     last_ns: AtomicU64,
 }
 
-impl Stops {
+impl PendingStops {
     /// Asks for a stop in the name of a page.
-    pub(crate) fn ask(&self, page: u64, address: &str, reply: &Sender<Reply>) {
+    pub(crate) fn ask(&self, page: u64, address: &str, reply: &Sender<PageReply>) {
         self.last_ns.fetch_max(now_ns(), Ordering::AcqRel);
         let mut waiting = locked(&self.waiting);
         match waiting.iter_mut().find(|one| one.page == page) {
             Some(one) => one.times += 1,
-            None => {
-                waiting.push(Waiting { page, address: address.to_owned(), reply: reply.clone(), times: 1 })
-            }
+            None => waiting.push(PendingStop {
+                page,
+                address: address.to_owned(),
+                reply: reply.clone(),
+                times: 1,
+            }),
         }
         drop(waiting);
         self.came.notify_all();
@@ -133,7 +143,7 @@ impl Stops {
     }
 
     /// Those that wait, at the latest after `patience`.
-    pub(crate) fn next(&self, patience: Duration) -> Vec<Waiting> {
+    pub(crate) fn next(&self, patience: Duration) -> Vec<PendingStop> {
         let mut waiting = locked(&self.waiting);
         if waiting.is_empty() {
             waiting = self.came.wait_timeout(waiting, patience).unwrap_or_else(PoisonError::into_inner).0;
@@ -144,17 +154,17 @@ impl Stops {
 
 /// Why a page does not get the control.
 #[derive(Debug)]
-pub(crate) struct Denied {
+pub(crate) struct ControlDenied {
     pub(crate) words: String,
     /// The same may be granted later.
     pub(crate) passing: bool,
 }
 
 /// Shared by all threads of a console.
-pub(crate) struct Board {
+pub(crate) struct ConsoleBoard {
     keys: Mutex<Keys>,
     lines: SyncSender<String>,
-    pub(crate) stops: Stops,
+    pub(crate) stops: PendingStops,
     /// None before the link is up.
     scene: Mutex<Option<Arc<str>>>,
     frame: Mutex<(u64, Arc<str>)>,
@@ -162,8 +172,8 @@ pub(crate) struct Board {
     controller: Mutex<Option<(u64, String)>>,
     held_ns: AtomicU64,
     pens: SyncSender<PenSample>,
-    orders: SyncSender<Order>,
-    tally: Mutex<Tally>,
+    orders: SyncSender<PageOrder>,
+    tally: Mutex<ConsoleTally>,
     over: AtomicBool,
 }
 
@@ -171,24 +181,24 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-impl Board {
+impl ConsoleBoard {
     pub(crate) fn new(
         keys: Keys,
         lines: SyncSender<String>,
         pens: SyncSender<PenSample>,
-        orders: SyncSender<Order>,
+        orders: SyncSender<PageOrder>,
     ) -> Self {
         Self {
             keys: Mutex::new(keys),
             lines,
-            stops: Stops::default(),
+            stops: PendingStops::default(),
             scene: Mutex::new(None),
             frame: Mutex::new((0, "{}".into())),
             controller: Mutex::new(None),
             held_ns: AtomicU64::new(0),
             pens,
             orders,
-            tally: Mutex::new(Tally::default()),
+            tally: Mutex::new(ConsoleTally::default()),
             over: AtomicBool::new(false),
         }
     }
@@ -208,10 +218,10 @@ impl Board {
         locked(&self.scene).clone()
     }
 
-    /// The newest frame takes the place of the one before.
+    /// The newest frame replaces the one before.
     pub(crate) fn show(&self, frame: Arc<str>) {
-        let mut place = locked(&self.frame);
-        *place = (place.0 + 1, frame);
+        let mut newest = locked(&self.frame);
+        *newest = (newest.0 + 1, frame);
     }
 
     /// The newest frame and its number.
@@ -219,7 +229,7 @@ impl Board {
         locked(&self.frame).clone()
     }
 
-    pub(crate) fn count(&self, change: impl FnOnce(&mut Tally)) {
+    pub(crate) fn count(&self, change: impl FnOnce(&mut ConsoleTally)) {
         change(&mut locked(&self.tally));
     }
 
@@ -227,7 +237,7 @@ impl Board {
         self.count(|tally| *tally.refused.entry(reason).or_default() += 1);
     }
 
-    pub(crate) fn tally(&self) -> Tally {
+    pub(crate) fn tally(&self) -> ConsoleTally {
         locked(&self.tally).clone()
     }
 
@@ -246,33 +256,38 @@ impl Board {
     /// # Errors
     ///
     /// Who has it, or that the token is wrong or used; in words.
-    pub(crate) fn take_control(&self, id: u64, address: &str, token: &str) -> Result<Option<String>, Denied> {
+    pub(crate) fn take_control(
+        &self,
+        id: u64,
+        address: &str,
+        token: &str,
+    ) -> Result<Option<String>, ControlDenied> {
         let mut keys = locked(&self.keys);
         let judged = keys.judge(token);
         let refused = match judged {
-            Verdict::Opens | Verdict::OpensOnce => None,
-            Verdict::Wrong => {
+            KeyVerdict::Opens | KeyVerdict::OpensOnce => None,
+            KeyVerdict::Wrong => {
                 Some(("wrong token", "the token is wrong: open the address that `foretrace console` printed"))
             }
-            Verdict::Used => Some((
+            KeyVerdict::Used => Some((
                 "token used before",
                 "the token has been used, it works once: type `token` where `foretrace console` runs for another",
             )),
         };
         if let Some((reason, words)) = refused {
             self.refuse(reason);
-            return Err(Denied { words: words.to_owned(), passing: false });
+            return Err(ControlDenied { words: words.to_owned(), passing: false });
         }
         let mut controller = locked(&self.controller);
         if let Some((_, at)) = controller.as_ref().filter(|(other, _)| *other != id) {
             let words = format!("the page of {at} controls: give the control back there first");
             drop(controller);
             self.refuse("another page controls");
-            return Err(Denied { words, passing: true });
+            return Err(ControlDenied { words, passing: true });
         }
-        let no_key = |error| Denied { words: format!("no key can be made: {error}"), passing: false };
+        let no_key = |error| ControlDenied { words: format!("no key can be made: {error}"), passing: false };
         let key = match judged {
-            Verdict::OpensOnce => Some(Token::random().map_err(no_key)?),
+            KeyVerdict::OpensOnce => Some(Token::random().map_err(no_key)?),
             _ => None,
         };
         *controller = Some((id, address.to_owned()));
@@ -322,7 +337,7 @@ impl Board {
     }
 
     /// Passes an order on; `false`: there is no room for it.
-    pub(crate) fn order(&self, order: Order) -> bool {
+    pub(crate) fn order(&self, order: PageOrder) -> bool {
         let placed = self.orders.try_send(order).is_ok();
         if !placed {
             self.refuse("too many orders");
@@ -330,7 +345,6 @@ impl Board {
         placed
     }
 
-    /// Everything ends.
     pub(crate) fn finish(&self) {
         self.over.store(true, Ordering::Release);
         self.held_ns.store(0, Ordering::Release);
@@ -342,20 +356,15 @@ impl Board {
     }
 }
 
-/// Now, on the monotonic clock \[ns\].
-pub(crate) fn now_ns() -> u64 {
-    monotonic_now_ns()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use std::sync::mpsc::sync_channel;
 
-    fn board() -> Board {
+    fn board() -> ConsoleBoard {
         let lines = sync_channel(2).0;
         let keys = Keys::new(Token::random().unwrap(), false);
-        Board::new(keys, lines, sync_channel(2).0, sync_channel(2).0)
+        ConsoleBoard::new(keys, lines, sync_channel(2).0, sync_channel(2).0)
     }
 
     #[test]

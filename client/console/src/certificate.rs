@@ -24,7 +24,7 @@ const LASTS_DAYS: u32 = 397;
 const RENEWED_DAYS: u32 = 30;
 /// A clock of another machine may be behind.
 const EARLIER: Duration = DAY;
-/// Largest file that is read [bytes].
+/// Largest file that is read \[bytes\].
 const FILE_BYTES: u64 = 64 * 1024;
 /// Its first line; the number is the version of the layout.
 const FIRST_LINE: &str = "foretrace console certificate 1";
@@ -35,20 +35,10 @@ pub enum CertificateError {
     /// The file cannot be kept.
     #[error("the certificate cannot be kept in {}: {source}: make its folder writable, or name another with \
              XDG_STATE_HOME", path.display())]
-    File {
-        /// The file.
-        path: PathBuf,
-        /// The system's reason.
-        source: io::Error,
-    },
+    File { path: PathBuf, source: io::Error },
     /// It cannot be made for these names.
     #[error("no certificate can be made for {names}: {reason}: name another address with --lan=ADDRESS")]
-    Made {
-        /// Addresses and names.
-        names: String,
-        /// Why.
-        reason: String,
-    },
+    Made { names: String, reason: String },
 }
 
 /// A certificate with its key, ready for TLS.
@@ -189,17 +179,14 @@ fn parse(text: &str) -> Option<Kept> {
 }
 
 fn bytes(hex: &str) -> Option<Vec<u8>> {
-    let digits: Option<Vec<u8>> =
-        hex.chars().map(|digit| digit.to_digit(16).and_then(|value| u8::try_from(value).ok())).collect();
-    let digits = digits.filter(|digits| digits.len().is_multiple_of(2))?;
-    Some(digits.chunks(2).map(|pair| pair.iter().fold(0, |sum, digit| sum << 4 | digit)).collect())
+    data_encoding::HEXLOWER.decode(hex.as_bytes()).ok()
 }
 
 /// Keeps it whole or not at all.
 fn write(file: &Path, kept: &Kept) -> io::Result<()> {
     let folder = file.parent().unwrap_or(Path::new("."));
     DirBuilder::new().recursive(true).mode(0o700).create(folder)?;
-    let hex = |bytes: &[u8]| bytes.iter().map(|byte| format!("{byte:02x}")).collect::<String>();
+    let hex = |bytes: &[u8]| data_encoding::HEXLOWER.encode(bytes);
     let text = format!(
         "{FIRST_LINE}\nnames {}\nuntil {}\ncertificate {}\nkey {}\n",
         kept.names.join(" "),
@@ -264,7 +251,10 @@ mod tests {
         let (here, now) = (names("192.168.7.2 localhost"), SystemTime::now());
         let made = |why: &str| {
             let certificate = Certificate::kept(&file, &here, now).unwrap();
-            assert!(certificate.made().is_some_and(|told| told.contains(why)), "{why} {certificate:?}");
+            assert!(
+                certificate.made().is_some_and(|reported| reported.contains(why)),
+                "{why} {certificate:?}"
+            );
         };
         made("none");
         fs::set_permissions(&file, Permissions::from_mode(0o640)).unwrap();
@@ -285,13 +275,14 @@ mod tests {
     }
 
     #[test]
-    fn a_name_that_no_certificate_can_hold_and_a_folder_that_cannot_be_written_are_told() {
+    fn a_name_that_no_certificate_can_hold_and_a_folder_that_cannot_be_written_are_reported() {
         let folder = tempfile::tempdir().unwrap();
         let now = SystemTime::now();
-        let told = Certificate::kept(&folder.path().join("c"), &names("d\u{e9}sk"), now).unwrap_err();
-        assert!(told.to_string().contains("--lan=ADDRESS"), "{told}");
+        let reported = Certificate::kept(&folder.path().join("c"), &names("d\u{e9}sk"), now).unwrap_err();
+        assert!(reported.to_string().contains("--lan=ADDRESS"), "{reported}");
         fs::write(folder.path().join("file"), "").unwrap();
-        let told = Certificate::kept(&folder.path().join("file/c"), &names("localhost"), now).unwrap_err();
-        assert!(told.to_string().contains("XDG_STATE_HOME"), "{told}");
+        let reported =
+            Certificate::kept(&folder.path().join("file/c"), &names("localhost"), now).unwrap_err();
+        assert!(reported.to_string().contains("XDG_STATE_HOME"), "{reported}");
     }
 }

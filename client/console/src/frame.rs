@@ -5,10 +5,10 @@
 
 use std::collections::VecDeque;
 
-use foretrace_client::{
-    FaultReason, GhostState, Holder, Latency, Mode, Stage, Status, StopDetail, TickRecord, Tracking,
-    TrustReason, monotonic_now_ns, pen_flags,
+use foretrace_client::wire::{
+    FaultReason, GhostState, Latency, StopDetail, Tracking, TrustReason, pen_flags,
 };
+use foretrace_client::{Mode, Stage, Status, TickRecord, monotonic_now_ns};
 use foretrace_config::Config;
 use serde_json::{Value, json};
 
@@ -25,30 +25,14 @@ const ERRORS: usize = 20;
 pub(crate) type Remedy = dyn Fn(FaultReason, &StopDetail) -> String + Send + Sync;
 
 /// What frames are made of.
-pub(crate) struct Frames {
+pub(crate) struct PageFrames {
     config: Config,
     newest: Option<TickRecord>,
     points: VecDeque<Value>,
     errors: VecDeque<Value>,
 }
 
-/// What only the link knows.
-pub(crate) struct Here {
-    pub(crate) pen: Option<Holder>,
-    pub(crate) dead_man: Option<Holder>,
-    pub(crate) held: bool,
-    pub(crate) controller: Option<String>,
-    /// Why the page's pen is not passed on.
-    pub(crate) pen_note: Option<String>,
-    /// Why the page's hold-to-run button does nothing.
-    pub(crate) hold_note: Option<String>,
-    pub(crate) daemon: bool,
-    pub(crate) writing: bool,
-    pub(crate) samples: u64,
-    pub(crate) recording: Value,
-}
-
-impl Frames {
+impl PageFrames {
     pub(crate) fn new(config: Config) -> Self {
         Self { config, newest: None, points: VecDeque::new(), errors: VecDeque::new() }
     }
@@ -77,14 +61,14 @@ impl Frames {
     }
 
     /// A daemon went, or another came.
-    pub(crate) fn begin_anew(&mut self) {
+    pub(crate) fn restart(&mut self) {
         self.newest = None;
         self.points.clear();
         self.errors.clear();
     }
 
-    /// The frame of this moment.
-    pub(crate) fn frame(&self, status: Option<&Status>, here: &Here, remedy: &Remedy) -> Value {
+    /// The frame of this moment; `here` is what only the link knows.
+    pub(crate) fn frame(&self, status: Option<&Status>, here: Value, remedy: &Remedy) -> Value {
         let chain = &self.config.robot().chain;
         let arm = self.newest.map(|record| {
             json!({
@@ -100,18 +84,7 @@ impl Frames {
             "points": self.points,
             "errors": self.errors,
             "state": status.map(|status| state(status, remedy)),
-            "here": {
-                "daemon": here.daemon,
-                "pen": here.pen.as_ref().map(ToString::to_string),
-                "dead_man": here.dead_man.as_ref().map(ToString::to_string),
-                "held": here.held,
-                "controller": here.controller,
-                "pen_note": here.pen_note,
-                "hold_note": here.hold_note,
-                "writing": here.writing,
-                "samples": here.samples,
-                "recording": here.recording,
-            },
+            "here": here,
         } })
     }
 }
@@ -257,8 +230,8 @@ mod tests {
             predictor_band_m: 0.003,
             ..TickRecord::default()
         };
-        let told = aim(&following).unwrap().map(|m| (m.unwrap() * 1e5).round() as i32);
-        assert_eq!(told, [1235, -2000, 300]);
+        let reported = aim(&following).unwrap().map(|m| (m.unwrap() * 1e5).round() as i32);
+        assert_eq!(reported, [1235, -2000, 300]);
         assert_eq!(aim(&TickRecord { predictor_band_m: -1.0, ..following }).unwrap()[2], None);
         assert_eq!(aim(&TickRecord { mode: Mode::Stopped.into(), ..following }), None);
         assert_eq!(aim(&TickRecord { reference_m: [f64::NAN, 0.0, 0.0], ..following }), None);

@@ -1,6 +1,6 @@
 //! The pen and the hold-to-run button, in the name of the page that controls.
 //!
-//! Contract: the places of pen and dead-man switch are taken when they are needed, in the browser's name, and
+//! Contract: the slots of pen and dead-man switch are taken when they are needed, in the browser's name, and
 //! given back with the control. Samples go through the gateway's admission; those that do not go on are
 //! counted by reason. A button that is let go says stop.
 
@@ -12,8 +12,8 @@ use foretrace_client::{
 };
 use foretrace_serve::admission::Admission;
 
-use crate::board::{Board, now_ns};
-use crate::hold::{Grip, Step};
+use crate::board::{ConsoleBoard, now_ns};
+use crate::hold::{ButtonStep, Grip};
 
 /// Between two attempts to get the pen.
 const AGAIN: Duration = Duration::from_millis(500);
@@ -24,8 +24,8 @@ const RATE: u32 = 2000;
 const BURST: u32 = 400;
 
 /// The pen and the hold-to-run button, in the name of the page that controls.
-pub(crate) struct Hand {
-    pub(crate) board: Arc<Board>,
+pub(crate) struct BrowserHand {
+    pub(crate) board: Arc<ConsoleBoard>,
     admission: Admission,
     pub(crate) feed: Option<PenFeed>,
     dead_man: Option<DeadMan>,
@@ -35,8 +35,8 @@ pub(crate) struct Hand {
     pub(crate) hold_note: Option<String>,
 }
 
-impl Hand {
-    pub(crate) fn new(board: Arc<Board>) -> Self {
+impl BrowserHand {
+    pub(crate) fn new(board: Arc<ConsoleBoard>) -> Self {
         let now = Instant::now();
         Self {
             board,
@@ -141,7 +141,7 @@ impl Hand {
 
     fn button(&mut self, foretrace: &Foretrace, held: bool, now: u64) {
         let mut step = self.grip.look(held, self.dead_man.is_some(), now);
-        if step == Step::Claim {
+        if step == ButtonStep::Claim {
             match foretrace.dead_man_as(&self.who()) {
                 Ok(dead_man) => (self.dead_man, self.hold_note) = (Some(dead_man), None),
                 Err(error) => self.hold_note = Some(error.to_string()),
@@ -150,14 +150,14 @@ impl Hand {
         }
         let Some(dead_man) = &mut self.dead_man else { return };
         let sent = match step {
-            Step::Beat => dead_man.beat(),
+            ButtonStep::Beat => dead_man.beat(),
             // Silence stops as well.
-            Step::Stop => dead_man.stop(),
-            Step::GiveBack => {
+            ButtonStep::Stop => dead_man.stop(),
+            ButtonStep::GiveBack => {
                 self.dead_man = None;
                 return;
             }
-            Step::Nothing | Step::Claim => match dead_man.handed_to() {
+            ButtonStep::Nothing | ButtonStep::Claim => match dead_man.handed_to() {
                 Some(_) => Err(DeadManError::HandedOver),
                 None => Ok(()),
             },

@@ -5,7 +5,6 @@
 
 use foretrace_serve::guard::Token;
 
-/// See the module.
 #[derive(Debug)]
 pub(crate) struct Keys {
     token: Token,
@@ -21,8 +20,7 @@ struct Once {
 
 /// What a token or key is worth.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Verdict {
-    /// It opens.
+pub(crate) enum KeyVerdict {
     Opens,
     /// It opens, this once.
     OpensOnce,
@@ -42,23 +40,23 @@ impl Keys {
     }
 
     /// Judges what a page presents.
-    pub(crate) fn judge(&self, presented: &str) -> Verdict {
+    pub(crate) fn judge(&self, presented: &str) -> KeyVerdict {
         let token = self.token.is(presented);
         match &self.once {
-            None if token => Verdict::Opens,
+            None if token => KeyVerdict::Opens,
             Some(once) if token => {
                 if once.used {
-                    Verdict::Used
+                    KeyVerdict::Used
                 } else {
-                    Verdict::OpensOnce
+                    KeyVerdict::OpensOnce
                 }
             }
-            Some(Once { key: Some(key), .. }) if key.is(presented) => Verdict::Opens,
-            _ => Verdict::Wrong,
+            Some(Once { key: Some(key), .. }) if key.is(presented) => KeyVerdict::Opens,
+            _ => KeyVerdict::Wrong,
         }
     }
 
-    /// The token has been used: from here on only the key opens, which takes the place of any before it.
+    /// The token has been used: from here on only the key opens, which replaces any before it.
     pub(crate) fn use_up(&mut self, key: Token) {
         if let Some(once) = &mut self.once {
             *once = Once { used: true, key: Some(key) };
@@ -84,16 +82,22 @@ mod tests {
         let (first, key, second, other) = (token(), token(), token(), token());
         let mut always = Keys::new(first.clone(), false);
         always.use_up(key.clone());
-        assert_eq!((always.judge(first.text()), always.judge(key.text())), (Verdict::Opens, Verdict::Wrong));
+        assert_eq!(
+            (always.judge(first.text()), always.judge(key.text())),
+            (KeyVerdict::Opens, KeyVerdict::Wrong)
+        );
         let mut keys = Keys::new(first.clone(), true);
-        assert_eq!((keys.judge(first.text()), keys.judge(key.text())), (Verdict::OpensOnce, Verdict::Wrong));
+        assert_eq!(
+            (keys.judge(first.text()), keys.judge(key.text())),
+            (KeyVerdict::OpensOnce, KeyVerdict::Wrong)
+        );
         keys.use_up(key.clone());
-        assert_eq!((keys.judge(first.text()), keys.judge(key.text())), (Verdict::Used, Verdict::Opens));
+        assert_eq!((keys.judge(first.text()), keys.judge(key.text())), (KeyVerdict::Used, KeyVerdict::Opens));
         keys.renew(second.clone());
         let judged = [&first, &key, &second].map(|token| keys.judge(token.text()));
-        assert_eq!(judged, [Verdict::Wrong, Verdict::Opens, Verdict::OpensOnce]);
+        assert_eq!(judged, [KeyVerdict::Wrong, KeyVerdict::Opens, KeyVerdict::OpensOnce]);
         keys.use_up(other.clone());
         let judged = [&key, &second, &other].map(|token| keys.judge(token.text()));
-        assert_eq!(judged, [Verdict::Wrong, Verdict::Used, Verdict::Opens]);
+        assert_eq!(judged, [KeyVerdict::Wrong, KeyVerdict::Used, KeyVerdict::Opens]);
     }
 }

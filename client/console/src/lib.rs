@@ -29,8 +29,10 @@ mod hand;
 mod link;
 mod session;
 mod server;
+mod lan;
 
-pub use board::Tally;
+pub use board::ConsoleTally;
 pub use certificate::{Certificate, CertificateError};
-pub use link::{Link, LinkError, Point, Records, Writer};
+pub use lan::LanAddress;
+pub use link::{DaemonLink, LinkError, Records, TextWriter, WriterPoint};
 pub use server::{Console, ConsoleError, Lan, Renewer};

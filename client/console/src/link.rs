@@ -8,15 +8,15 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::time::{Duration, Instant};
 
+use foretrace_client::wire::pen_flags;
 use foretrace_client::{
     Attachment, Foretrace, Instance, PenReading, PenSample, Place, ServiceError, StatusReader, Telemetry,
-    pen_flags,
 };
 use foretrace_config::Config;
 
-use crate::board::{Board, Order, Reply, What, now_ns};
-use crate::frame::{Frames, Here, Remedy};
-use crate::hand::Hand;
+use crate::board::{ConsoleBoard, PageAction, PageOrder, now_ns};
+use crate::frame::{PageFrames, Remedy};
+use crate::hand::BrowserHand;
 use crate::orders::Asks;
 use crate::scene::scene;
 
@@ -38,17 +38,13 @@ pub enum LinkError {
     Thread(std::io::Error),
 }
 
-impl std::fmt::Debug for LinkError {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        std::fmt::Display::fmt(self, f)
-    }
-}
+foretrace_serve::debug_as_display!(LinkError);
 
 /// A point of the built-in writer: seconds from the begin, x and y \[m\], contact.
-pub type Point = (f64, f64, f64, bool);
+pub type WriterPoint = (f64, f64, f64, bool);
 
 /// The path of a text by the built-in writer, or why there is none.
-pub type Writer = Box<dyn Fn(&str) -> Result<Vec<Point>, String> + Send>;
+pub type TextWriter = Box<dyn Fn(&str) -> Result<Vec<WriterPoint>, String> + Send>;
 
 /// Records what the daemon sees and does, for pages that ask for it. No call may wait for the disk.
 pub trait Records: Send {
@@ -71,41 +67,33 @@ pub trait Records: Send {
 }
 
 /// What the link needs to know, and to be told.
-pub struct Link {
-    /// The daemon's instance.
+pub struct DaemonLink {
     pub instance: Instance,
-    /// The daemon's settings.
     pub config: Config,
     /// The path of a text, by the built-in writer.
-    pub writer: Writer,
+    pub writer: TextWriter,
     /// What to do about a stop.
     pub remedy: Box<Remedy>,
     /// For the record button.
     pub recordings: Box<dyn Records>,
 }
 
-impl std::fmt::Debug for Link {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Link").field("instance", &self.instance).finish_non_exhaustive()
-    }
-}
-
 /// The pages' side of the link.
-pub(crate) struct Inbox {
+pub(crate) struct PageInbox {
     pub(crate) pens: Receiver<PenSample>,
-    pub(crate) orders: Receiver<Order>,
+    pub(crate) orders: Receiver<PageOrder>,
 }
 
-impl Link {
+impl DaemonLink {
     /// Serves the pages of `board` until it is over.
-    pub(crate) fn run(self, board: &Arc<Board>, inbox: &Inbox) -> Result<(), LinkError> {
+    pub(crate) fn run(self, board: &Arc<ConsoleBoard>, inbox: &PageInbox) -> Result<(), LinkError> {
         let foretrace = Foretrace::attach_within(&self.instance, Duration::ZERO)?;
         board.show_scene(serde_json::json!({ "scene": scene(&self.config) }).to_string().into());
-        let mut running = Running {
+        let mut running = RunningLink {
             telemetry: foretrace.telemetry()?,
             status: foretrace.status()?,
-            frames: Frames::new(self.config.clone()),
-            hand: Hand::new(board.clone()),
+            frames: PageFrames::new(self.config.clone()),
+            hand: BrowserHand::new(board.clone()),
             asks: Asks::start(&self.instance, board)?.map_err(LinkError::Thread)?,
             foretrace,
             link: self,
@@ -143,27 +131,27 @@ impl Link {
 }
 
 /// The link at work.
-struct Running {
-    link: Link,
+struct RunningLink {
+    link: DaemonLink,
     foretrace: Foretrace,
     telemetry: Telemetry,
     status: StatusReader,
-    frames: Frames,
-    hand: Hand,
+    frames: PageFrames,
+    hand: BrowserHand,
     asks: Asks,
     daemon: bool,
-    writing: Option<Writing>,
+    writing: Option<WriterRun>,
 }
 
 /// A text that is being written.
-struct Writing {
-    points: Vec<Point>,
+struct WriterRun {
+    points: Vec<WriterPoint>,
     next: usize,
     asked_ns: u64,
     begin_ns: u64,
 }
 
-impl Running {
+impl RunningLink {
     fn pen(&mut self, sample: &PenSample) {
         if self.writing.is_some() {
             self.hand.refused("the writer writes");
@@ -172,23 +160,20 @@ impl Running {
         }
     }
 
-    fn carry_out(&mut self, order: Order) {
+    fn carry_out(&mut self, order: PageOrder) {
         let board = &self.hand.board;
         if let Err(reason) = order.judge(board, now_ns()) {
             return order.refuse(board, reason);
         }
-        let answer = match &order.what {
-            What::Ask(_) => return self.asks.pass(order, board),
-            What::Write(text) => self.write(text, order.asked_ns),
-            What::TakePen => self.hand.take_over(&self.foretrace),
-            What::Record(true) => self.link.recordings.begin(),
-            What::Record(false) => self.link.recordings.end(),
+        let done = match &order.what {
+            PageAction::Ask(_) => return self.asks.pass(order, board),
+            PageAction::Write(text) => self.write(text, order.asked_ns),
+            PageAction::TakePen => self.hand.take_over(&self.foretrace),
+            PageAction::Record(true) => self.link.recordings.begin(),
+            PageAction::Record(false) => self.link.recordings.end(),
         };
         // The page may be gone.
-        let _ = order.reply.send(match answer {
-            Ok(words) => Reply { done: true, words },
-            Err(words) => Reply { done: false, words },
-        });
+        let _ = order.reply.send(done.into());
     }
 
     fn write(&mut self, text: &str, asked_ns: u64) -> Result<String, String> {
@@ -199,7 +184,7 @@ impl Running {
         self.hand.claim(&self.foretrace)?;
         let seconds = points.last().map_or(0.0, |(at, ..)| *at);
         // The loop gets a moment to hear the pen before it writes.
-        self.writing = Some(Writing { points, next: 0, asked_ns, begin_ns: now_ns() + 50_000_000 });
+        self.writing = Some(WriterRun { points, next: 0, asked_ns, begin_ns: now_ns() + 50_000_000 });
         Ok(format!("the writer writes for {seconds:.0} s"))
     }
 
@@ -216,16 +201,10 @@ impl Running {
                     break;
                 }
                 writing.next += 1;
-                let more_flags = pen_flags::IN_RANGE;
-                let reading = PenReading {
-                    device_stamp_ns: due,
-                    x_m,
-                    y_m,
-                    contact,
-                    more_flags,
-                    ..PenReading::default()
-                };
-                over |= !self.hand.send(reading);
+                let (device_stamp_ns, more_flags) = (due, pen_flags::IN_RANGE);
+                let at =
+                    PenReading { device_stamp_ns, x_m, y_m, contact, more_flags, ..PenReading::default() };
+                over |= !self.hand.send(at);
             }
             if over || writing.next >= writing.points.len() {
                 self.writing = None;
@@ -243,10 +222,10 @@ impl Running {
             Ok(Attachment::Unchanged) => self.daemon = true,
             Ok(found) => {
                 self.daemon = true;
-                self.frames.begin_anew();
+                self.frames.restart();
                 self.hand.grip.wait_for_release();
                 if found == Attachment::Renewed {
-                    // The old handles hold the places that the new ones need.
+                    // The old handles hold the slots that the new ones need.
                     self.hand.let_go();
                     let renewed = self.foretrace.telemetry().and_then(|telemetry| {
                         (self.telemetry, self.status) = (telemetry, self.foretrace.status()?);
@@ -263,26 +242,28 @@ impl Running {
 
     fn show(&mut self) {
         let hand = &self.hand;
-        let here = Here {
-            pen: self.link.instance.holder(Place::Pen),
-            dead_man: self.link.instance.holder(Place::DeadMan),
-            held: hand.board.is_held(now_ns()),
-            controller: hand.board.controller(),
-            pen_note: hand.pen_note.clone(),
-            hold_note: hand.hold_note.clone(),
-            daemon: self.daemon,
-            writing: self.writing.is_some(),
-            samples: hand.board.tally().samples,
-            recording: self.link.recordings.shown(),
-        };
+        let holder = |place| self.link.instance.holder(place).map(|holder| holder.to_string());
+        let here = serde_json::json!({
+            "daemon": self.daemon,
+            "pen": holder(Place::Pen),
+            "dead_man": holder(Place::DeadMan),
+            "held": hand.board.is_held(now_ns()),
+            "controller": hand.board.controller(),
+            // Why the page's pen is not passed on, and why its hold-to-run button does nothing.
+            "pen_note": hand.pen_note,
+            "hold_note": hand.hold_note,
+            "writing": self.writing.is_some(),
+            "samples": hand.board.tally().samples,
+            "recording": self.link.recordings.shown(),
+        });
         let status = self.status.latest().copied();
-        let frame = self.frames.frame(status.as_ref(), &here, &*self.link.remedy);
+        let frame = self.frames.frame(status.as_ref(), here, &*self.link.remedy);
         hand.board.show(frame.to_string().into());
     }
 }
 
 /// Room between the pages and the link.
-pub(crate) fn channels() -> (SyncSender<PenSample>, SyncSender<Order>, Inbox) {
+pub(crate) fn channels() -> (SyncSender<PenSample>, SyncSender<PageOrder>, PageInbox) {
     let ((pen, pens), (order, orders)) = (sync_channel(1024), sync_channel(16));
-    (pen, order, Inbox { pens, orders })
+    (pen, order, PageInbox { pens, orders })
 }

@@ -2,37 +2,37 @@
 //!
 //! Contract: pure and total: any text gives a message or a reason. Numbers are finite and lists bounded.
 
-use foretrace_client::{ORDER_AHEAD_NS, PenSample, pen_flags};
+use foretrace_client::PenSample;
+use foretrace_client::wire::{ORDER_AHEAD_NS, pen_flags};
 use serde::Deserialize;
 
-/// Largest message [bytes].
+/// Largest message \[bytes\].
 pub(crate) const MESSAGE_BYTES: usize = 32 * 1024;
 /// Most pen samples in one message: more than a second's of any pen.
 const SAMPLES: usize = 256;
 /// Largest text to be written [characters].
 const TEXT_CHARACTERS: usize = 60;
 
-/// A hold-to-run button that was not heard of for this long is let go [ns].
+/// A hold-to-run button that was not heard of for this long is let go \[ns\].
 pub(crate) const HOLD_LASTS_NS: u64 = 150_000_000;
 
 /// A message of a page.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
-pub(crate) enum Message {
+pub(crate) enum PageMessage {
     /// To measure the clock: it comes back.
     Ping(f64),
-    /// Wants to control.
     Control(String),
     /// Gives the control back.
     Release(bool),
     /// Stop the arm; from anybody.
     Stop(bool),
-    /// Pen samples: time [µs on the monotonic clock], x and y [m], flags, pressure, tilts [rad].
+    /// Pen samples: time [µs on the monotonic clock], x and y \[m\], flags, pressure, tilts \[rad\].
     Pen(Vec<[f64; 7]>),
     /// The hold-to-run button is held (again and again) or let go; when [µs on the monotonic clock].
     Hold(bool, f64),
     /// An operator's request; when it was asked for [µs on the monotonic clock].
-    Ask(Request, f64),
+    Ask(OperatorRequest, f64),
     /// A text for the built-in writer; when it was asked for [µs on the monotonic clock].
     Write(String, f64),
     /// Ask whoever holds the pen to give way.
@@ -44,7 +44,7 @@ pub(crate) enum Message {
 /// What an operator asks for.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
-pub(crate) enum Request {
+pub(crate) enum OperatorRequest {
     Arm(bool),
     Disarm(bool),
     Home(bool),
@@ -55,7 +55,7 @@ pub(crate) enum Request {
     Reload(bool),
 }
 
-impl Message {
+impl PageMessage {
     /// Reads one.
     ///
     /// # Errors
@@ -72,7 +72,7 @@ impl Message {
             Self::Ping(at) | Self::Hold(_, at) | Self::Ask(_, at) | Self::Write(_, at) if !at.is_finite() => {
                 Err("number not finite")
             }
-            Self::Ask(Request::Trust(trust), _) if !trust.is_finite() => Err("number not finite"),
+            Self::Ask(OperatorRequest::Trust(trust), _) if !trust.is_finite() => Err("number not finite"),
             _ => Ok(message),
         }
     }
@@ -157,8 +157,8 @@ mod tests {
             r#"{"take_pen":true}"#,
             r#"{"record":true}"#,
         ];
-        assert!(free.iter().all(|text| !Message::read(text).unwrap().needs_control()));
-        assert!(bound.iter().all(|text| Message::read(text).unwrap().needs_control()));
+        assert!(free.iter().all(|text| !PageMessage::read(text).unwrap().needs_control()));
+        assert!(bound.iter().all(|text| PageMessage::read(text).unwrap().needs_control()));
     }
 
     #[test]
@@ -193,7 +193,7 @@ mod tests {
             (&format!(r#"{{"write":["{}",1]}}"#, "a".repeat(61)), "text too long"),
             (&" ".repeat(MESSAGE_BYTES + 1), "message too long"),
         ] {
-            assert_eq!(Message::read(text), Err(reason), "{text:.60}");
+            assert_eq!(PageMessage::read(text), Err(reason), "{text:.60}");
         }
     }
 
@@ -225,8 +225,8 @@ mod tests {
                     _ => bytes.truncate(at.max(1)),
                 }
             }
-            match Message::read(&String::from_utf8_lossy(&bytes)) {
-                Ok(Message::Pen(samples)) => {
+            match PageMessage::read(&String::from_utf8_lossy(&bytes)) {
+                Ok(PageMessage::Pen(samples)) => {
                     read += 1;
                     for raw in samples {
                         assert_eq!(sample(raw).flags & !pen_flags::ALL, 0);

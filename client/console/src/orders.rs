@@ -1,17 +1,17 @@
 //! What a page asks for, and the thread that asks the daemon for it.
 //!
 //! Contract: an order is carried out at once or not at all. One that has waited too long, whose page no
-//! longer controls, or that is from before a stop is dropped, counted and told: it must not move an arm that
-//! somebody has stopped since then.
+//! longer controls, or that is from before a stop is dropped, counted and answered: it must not move an arm
+//! that somebody has stopped since then.
 
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::time::Duration;
 
-use foretrace_client::{Foretrace, Instance, RequestError, ServiceError};
+use foretrace_client::{Foretrace, Instance, ServiceError};
 
-use crate::board::{Board, Order, Reply, What, now_ns};
-use crate::message::Request;
+use crate::board::{ConsoleBoard, PageAction, PageOrder, now_ns};
+use crate::message::OperatorRequest;
 
 /// Orders that may wait for the daemon: the one that is being asked is not among them.
 const WAITING: usize = 2;
@@ -19,7 +19,7 @@ const WAITING: usize = 2;
 const ANSWER: Duration = Duration::from_secs(3);
 
 /// The way to the daemon.
-pub(crate) struct Asks(SyncSender<Order>);
+pub(crate) struct Asks(SyncSender<PageOrder>);
 
 impl Asks {
     /// Starts the thread that asks, one order after another; it ends with this value.
@@ -29,7 +29,7 @@ impl Asks {
     /// The daemon cannot be attached to; inside, that no thread can be started.
     pub(crate) fn start(
         instance: &Instance,
-        board: &Arc<Board>,
+        board: &Arc<ConsoleBoard>,
     ) -> Result<std::io::Result<Self>, ServiceError> {
         let mut foretrace = Foretrace::attach_within(instance, Duration::ZERO)?;
         let board = board.clone();
@@ -45,7 +45,7 @@ impl Asks {
     }
 
     /// Passes an order on; one that finds no room is refused.
-    pub(crate) fn pass(&self, order: Order, board: &Board) {
+    pub(crate) fn pass(&self, order: PageOrder, board: &ConsoleBoard) {
         match self.0.try_send(order) {
             Ok(()) => {}
             Err(TrySendError::Full(order)) => order.refuse(board, "orders before it wait for the daemon"),
@@ -54,14 +54,18 @@ impl Asks {
     }
 }
 
-fn serve(board: &Board, orders: &Receiver<Order>, mut ask: impl FnMut(&Request, u64) -> Reply) {
+fn serve(
+    board: &ConsoleBoard,
+    orders: &Receiver<PageOrder>,
+    mut ask: impl FnMut(&OperatorRequest, u64) -> Result<String, String>,
+) {
     while let Ok(order) = orders.recv() {
         // It may have waited behind another one.
         match (order.judge(board, now_ns()), &order.what) {
-            (Ok(()), What::Ask(request)) => {
-                let answer = ask(request, order.asked_ns);
+            (Ok(()), PageAction::Ask(request)) => {
+                let done = ask(request, order.asked_ns);
                 // The page may be gone.
-                let _ = order.reply.send(answer);
+                let _ = order.reply.send(done.into());
             }
             (Ok(()), _) => order.refuse(board, "no question for the daemon"),
             (Err(reason), _) => order.refuse(board, reason),
@@ -69,43 +73,34 @@ fn serve(board: &Board, orders: &Receiver<Order>, mut ask: impl FnMut(&Request, 
     }
 }
 
-fn ask(foretrace: &Foretrace, request: &Request, asked_ns: u64) -> Reply {
-    let refused = |words: String| Reply { done: false, words };
-    let mut requests = match foretrace.requests() {
-        // The daemon refuses to arm what anybody has stopped since the click.
-        Ok(requests) => requests.decided_at(asked_ns),
-        Err(error) => return refused(error.to_string()),
+fn ask(foretrace: &Foretrace, request: &OperatorRequest, asked_ns: u64) -> Result<String, String> {
+    // The daemon refuses to arm what anybody has stopped since the click.
+    let mut requests = foretrace.requests().decided_at(asked_ns);
+    let answer = match request {
+        OperatorRequest::Arm(_) => requests.arm(ANSWER),
+        OperatorRequest::Disarm(_) => requests.disarm(ANSWER),
+        OperatorRequest::Home(_) => requests.move_home(ANSWER),
+        OperatorRequest::TrustAuto(_) => requests.trust_auto(ANSWER),
+        OperatorRequest::FreezeTrust(_) => requests.freeze_trust(ANSWER),
+        OperatorRequest::Trust(value) => requests.set_trust(*value, ANSWER),
+        OperatorRequest::Predictor(name) => requests.switch_predictor(name, ANSWER),
+        OperatorRequest::Reload(_) => requests.reload(ANSWER),
     };
-    let answer: Result<_, RequestError> = match request {
-        Request::Arm(_) => requests.arm(ANSWER),
-        Request::Disarm(_) => requests.disarm(ANSWER),
-        Request::Home(_) => requests.move_home(ANSWER),
-        Request::TrustAuto(_) => requests.trust_auto(ANSWER),
-        Request::FreezeTrust(_) => requests.freeze_trust(ANSWER),
-        Request::Trust(value) => requests.set_trust(*value, ANSWER),
-        Request::Predictor(name) => requests.switch_predictor(name, ANSWER),
-        Request::Reload(_) => requests.reload(ANSWER),
-    };
-    match answer {
-        Ok(response) => {
-            let text = response.text();
-            Reply { done: true, words: if text.is_empty() { "done".to_owned() } else { text } }
-        }
-        Err(error) => refused(error.to_string()),
-    }
+    let text = answer.map_err(|error| error.to_string())?.text();
+    Ok(if text.is_empty() { "done".to_owned() } else { text })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::board::ORDER_LASTS_NS as LASTS_NS;
+    use crate::board::{ORDER_LASTS_NS as LASTS_NS, PageReply};
     use crate::keys::Keys;
     use foretrace_serve::guard::Token;
     use std::sync::mpsc::channel;
 
-    fn board() -> Board {
+    fn board() -> ConsoleBoard {
         let lines = sync_channel(2).0;
-        let board = Board::new(
+        let board = ConsoleBoard::new(
             Keys::new(Token::random().unwrap(), false),
             lines,
             sync_channel(2).0,
@@ -115,33 +110,34 @@ mod tests {
         board
     }
 
-    fn order(request: Request, asked_ns: u64) -> (Order, Receiver<Reply>) {
+    fn order(request: OperatorRequest, asked_ns: u64) -> (PageOrder, Receiver<PageReply>) {
         let (reply, answers) = channel();
-        (Order { what: What::Ask(request), page: 1, asked_ns, reply }, answers)
+        (PageOrder { what: PageAction::Ask(request), page: 1, asked_ns, reply }, answers)
     }
 
     #[test]
     fn an_order_is_dropped_that_is_old_or_from_before_a_stop_or_of_a_page_without_control() {
         let board = board();
         let now = now_ns();
-        let (fresh, _told) = order(Request::Arm(true), now);
+        let (fresh, _told) = order(OperatorRequest::Arm(true), now);
         assert_eq!(fresh.judge(&board, now + LASTS_NS), Ok(()));
         assert_eq!(fresh.judge(&board, now + LASTS_NS + 1), Err("order waited for too long"));
         board.stops.ask(2, "there", &channel().0);
         assert_eq!(fresh.judge(&board, now), Err("order from before a stop"));
-        let (later, _told) = order(Request::Arm(true), now_ns() + 1);
+        let (later, _told) = order(OperatorRequest::Arm(true), now_ns() + 1);
         assert_eq!(later.judge(&board, now), Ok(()));
         board.release(1);
         assert_eq!(later.judge(&board, now), Err("order of a page that no longer controls"));
     }
 
     #[test]
-    fn what_waits_behind_a_slow_answer_does_not_arm_after_a_stop_and_everybody_is_told() {
+    fn what_waits_behind_a_slow_answer_does_not_arm_after_a_stop_and_everybody_is_reported() {
         let board = board();
         let (sender, orders) = sync_channel(WAITING);
         let asks = Asks(sender);
         let mut told = Vec::new();
-        for request in [Request::Disarm(true), Request::Arm(true), Request::Arm(true)] {
+        for request in [OperatorRequest::Disarm(true), OperatorRequest::Arm(true), OperatorRequest::Arm(true)]
+        {
             let (order, answers) = order(request, now_ns());
             asks.pass(order, &board);
             told.push(answers);
@@ -152,10 +148,10 @@ mod tests {
             asked.push(request.clone());
             // Somebody stops the arm while the daemon takes its time.
             board.stops.ask(2, "there", &channel().0);
-            Reply { done: true, words: "done".to_owned() }
+            Ok("done".to_owned())
         });
-        assert_eq!(asked, [Request::Disarm(true)]);
-        let told: Vec<Reply> = told.iter().map(|answers| answers.recv().unwrap()).collect();
+        assert_eq!(asked, [OperatorRequest::Disarm(true)]);
+        let told: Vec<PageReply> = told.iter().map(|answers| answers.recv().unwrap()).collect();
         assert!(told[0].done && !told[1].done && !told[2].done, "{told:?}");
         assert!(told[1].words.contains("from before a stop"), "{told:?}");
         assert!(told[2].words.contains("wait for the daemon"), "{told:?}");

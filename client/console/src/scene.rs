@@ -49,12 +49,12 @@ fn columns(matrix: &Matrix3<f64>) -> Vec<[f64; 3]> {
 /// the clearance.
 const PEN_RADIUS_M: f64 = 0.004;
 
-/// The radius of each shape [m].
+/// The radius of each shape \[m\].
 fn radii(chain: &Chain<JOINTS>) -> Vec<f64> {
     chain.capsules().iter().map(|capsule| capsule.radius).chain([PEN_RADIUS_M]).collect()
 }
 
-/// Both ends of each shape at joints `q`, in the base frame [m].
+/// Both ends of each shape at joints `q`, in the base frame \[m\].
 pub(crate) fn placed(chain: &Chain<JOINTS>, q: &[f64; JOINTS]) -> Vec<[f64; 6]> {
     let pose = chain.forward(q);
     let last = pose.origins.column(JOINTS - 1).into_owned();

@@ -8,22 +8,22 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, TryRecvError, sync_channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use foretrace_serve::guard::{Guard, Token};
+use foretrace_serve::guard::{HostGuard, Token};
 use foretrace_serve::http::{self, Head};
-use foretrace_serve::peers::{Limits, Peers, Slot};
+use foretrace_serve::peers::{PeerLimits, Peers, Slot, bound_waits};
 
-use crate::board::{Board, Tally};
+use crate::board::{ConsoleBoard, ConsoleTally};
 use crate::certificate::Certificate;
 use crate::keys::Keys;
-use crate::link::{Inbox, Link, LinkError, channels};
+use crate::link::{DaemonLink, LinkError, PageInbox, channels};
 use crate::page;
 use crate::session;
 use crate::stops;
-use crate::wire::{TLS_BEGINS, Wire};
+use crate::wire::{PageStream, TLS_BEGINS};
 
 /// Connections at a time; a browser opens six for each page. One who fills all slots that other machines may
 /// have leaves some for a page of this machine that wants to stop the arm.
-const LIMITS: Limits = Limits { all: 32, remote: 24, of_one: 12, local: 32 };
+const LIMITS: PeerLimits = PeerLimits { all: 32, remote: 24, of_one: 12, local: 32 };
 /// Between two looks at new connections.
 const ACCEPT_INTERVAL: Duration = Duration::from_millis(5);
 /// Longest wait for bytes of a request, and for an answer to be taken.
@@ -47,12 +47,7 @@ type Log = Box<dyn Fn(&str) + Send + Sync>;
 pub enum ConsoleError {
     /// Nobody can listen there.
     #[error("cannot listen on {at}: {source}: choose another with --port, or an address of this machine")]
-    Taken {
-        /// Address and port.
-        at: SocketAddr,
-        /// The system's error.
-        source: std::io::Error,
-    },
+    Taken { at: SocketAddr, source: std::io::Error },
     /// The system gives no random numbers, or no thread.
     #[error("the console cannot start: {0}")]
     System(#[from] std::io::Error),
@@ -64,11 +59,7 @@ pub enum ConsoleError {
     LinkEnded,
 }
 
-impl std::fmt::Debug for ConsoleError {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        std::fmt::Display::fmt(self, f)
-    }
-}
+foretrace_serve::debug_as_display!(ConsoleError);
 
 /// What other machines need to reach a console.
 #[derive(Debug, Clone)]
@@ -82,8 +73,8 @@ pub struct Lan {
 }
 
 /// How connections begin, and what they may ask for.
-struct Door {
-    guard: Guard,
+struct ConsoleDoor {
+    guard: HostGuard,
     /// `None`: in the clear.
     certificate: Option<Certificate>,
     /// Where a page under TLS is, for those who forgot it.
@@ -95,9 +86,9 @@ struct Door {
 pub struct Console {
     listeners: Vec<TcpListener>,
     at: SocketAddr,
-    door: Door,
-    board: Arc<Board>,
-    inbox: Inbox,
+    door: ConsoleDoor,
+    board: Arc<ConsoleBoard>,
+    inbox: PageInbox,
     log: Log,
     lines: Receiver<String>,
 }
@@ -111,14 +102,8 @@ impl std::fmt::Debug for Console {
 /// Makes tokens for a console that runs.
 #[derive(Clone)]
 pub struct Renewer {
-    board: Arc<Board>,
+    board: Arc<ConsoleBoard>,
     origin: String,
-}
-
-impl std::fmt::Debug for Renewer {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Renewer").field("origin", &self.origin).finish_non_exhaustive()
-    }
 }
 
 impl Renewer {
@@ -156,24 +141,20 @@ impl Console {
             listeners.push(listener);
         }
         let shown = at.get(1).or(at.first()).copied().unwrap_or_else(|| (Ipv4Addr::LOCALHOST, port).into());
-        let door = match lan {
-            None => Door {
-                guard: Guard::local(port),
-                certificate: None,
-                origin: format!("http://{shown}"),
-                peers: Peers::new(LIMITS),
-            },
-            Some(lan) => Door {
-                guard: Guard::secure(&at, &lan.names),
-                certificate: Some(lan.certificate),
-                origin: format!("https://{shown}"),
-                peers: Peers::new(LIMITS),
-            },
+        let (guard, certificate, scheme) = match lan {
+            None => (HostGuard::local(port), None, "http"),
+            Some(lan) => (HostGuard::secure(&at, &lan.names), Some(lan.certificate), "https"),
+        };
+        let door = ConsoleDoor {
+            guard,
+            certificate,
+            origin: format!("{scheme}://{shown}"),
+            peers: Peers::new(LIMITS),
         };
         let (pens, orders, inbox) = channels();
         let (line, lines) = sync_channel(LINES);
         let keys = Keys::new(Token::random()?, door.certificate.is_some());
-        let board = Arc::new(Board::new(keys, line, pens, orders));
+        let board = Arc::new(ConsoleBoard::new(keys, line, pens, orders));
         Ok(Self { listeners, at: shown, door, board, inbox, log, lines })
     }
 
@@ -199,8 +180,8 @@ impl Console {
     ///
     /// # Errors
     ///
-    /// `Link`, `LinkEnded`, `System`.
-    pub fn run(self, link: Link, mut over: impl FnMut() -> bool) -> Result<Tally, ConsoleError> {
+    /// `DaemonLink`, `LinkEnded`, `System`.
+    pub fn run(self, link: DaemonLink, mut over: impl FnMut() -> bool) -> Result<ConsoleTally, ConsoleError> {
         let Self { listeners, at: _, door, board, inbox, log, lines } = self;
         let logging = logging(board.clone(), log, lines)?;
         let (stopped, instance) = (board.clone(), link.instance.clone());
@@ -219,15 +200,15 @@ impl Console {
         let count = Arc::new(AtomicU64::new(0));
         let mut failed = None;
         while !over() && failed.is_none() {
-            let mut knocked = false;
+            let mut accepted = false;
             for listener in &listeners {
                 if let Ok((stream, peer)) = listener.accept() {
                     let id = count.fetch_add(1, Ordering::Relaxed) + 1;
                     welcome(board.clone(), door.clone(), stream, peer, id);
-                    knocked = true;
+                    accepted = true;
                 }
             }
-            if !knocked {
+            if !accepted {
                 // Also where no descriptor is left: some connection ends.
                 std::thread::sleep(ACCEPT_INTERVAL);
             }
@@ -251,12 +232,12 @@ impl Console {
 }
 
 /// A thread that could not be started ends those that were.
-fn ending<T>(board: &Board, started: std::io::Result<T>) -> std::io::Result<T> {
+fn ending<T>(board: &ConsoleBoard, started: std::io::Result<T>) -> std::io::Result<T> {
     started.inspect_err(|_| board.finish())
 }
 
 /// The thread that tells: a terminal may block it for as long as it likes.
-fn logging(board: Arc<Board>, log: Log, lines: Receiver<String>) -> std::io::Result<JoinHandle<()>> {
+fn logging(board: Arc<ConsoleBoard>, log: Log, lines: Receiver<String>) -> std::io::Result<JoinHandle<()>> {
     let tells = move || {
         loop {
             let over = board.is_over();
@@ -271,12 +252,14 @@ fn logging(board: Arc<Board>, log: Log, lines: Receiver<String>) -> std::io::Res
 }
 
 /// Gives the connection a thread, or turns it away.
-fn welcome(board: Arc<Board>, door: Arc<Door>, mut stream: TcpStream, peer: SocketAddr, id: u64) {
-    let timeouts = stream
-        .set_nonblocking(false)
-        .and_then(|()| stream.set_read_timeout(Some(WAIT)))
-        .and_then(|()| stream.set_write_timeout(Some(ANSWER)));
-    if timeouts.is_err() {
+fn welcome(
+    board: Arc<ConsoleBoard>,
+    door: Arc<ConsoleDoor>,
+    mut stream: TcpStream,
+    peer: SocketAddr,
+    id: u64,
+) {
+    if bound_waits(&stream, WAIT, ANSWER).is_err() {
         return;
     }
     let slot = match door.peers.enter(&stream) {
@@ -286,9 +269,7 @@ fn welcome(board: Arc<Board>, door: Arc<Door>, mut stream: TcpStream, peer: Sock
             board.refuse(reason);
             // A short answer fits into the socket's own buffer; one who expects TLS reads the end of it.
             if door.certificate.is_none() {
-                let words = format!("{reason}\n");
-                let status = "503 Service Unavailable";
-                let _ = http::answer(&mut stream, status, http::TEXT, words.as_bytes(), WHOLE_ANSWER);
+                http::refuse(&mut stream, "503 Service Unavailable", reason, WHOLE_ANSWER);
             }
             return;
         }
@@ -304,14 +285,14 @@ fn welcome(board: Arc<Board>, door: Arc<Door>, mut stream: TcpStream, peer: Sock
 }
 
 /// Puts TLS on the connection where pages come under it; one that speaks plain HTTP is told where to go.
-fn begun(door: &Door, mut stream: TcpStream) -> Result<Wire, &'static str> {
-    let Some(certificate) = &door.certificate else { return Ok(Wire::clear(stream)) };
+fn begun(door: &ConsoleDoor, mut stream: TcpStream) -> Result<PageStream, &'static str> {
+    let Some(certificate) = &door.certificate else { return Ok(PageStream::clear(stream)) };
     let begin = Instant::now();
     let mut first = [0];
     loop {
         match stream.peek(&mut first) {
             Ok(1) if first == [TLS_BEGINS] => {
-                return Wire::secure(stream, &certificate.config).map_err(|_| "no TLS");
+                return PageStream::secure(stream, &certificate.config).map_err(|_| "no TLS");
             }
             Ok(1) => break,
             Err(error)
@@ -328,21 +309,23 @@ fn begun(door: &Door, mut stream: TcpStream) -> Result<Wire, &'static str> {
 }
 
 /// Reads the request and answers it, or makes the connection a page's.
-fn admit(board: &Arc<Board>, door: &Door, mut stream: Wire, slot: &Slot, peer: SocketAddr, id: u64) {
-    let refuse = |stream: &mut Wire, status: &str, reason: &'static str| {
+fn admit(
+    board: &Arc<ConsoleBoard>,
+    door: &ConsoleDoor,
+    mut stream: PageStream,
+    slot: &Slot,
+    peer: SocketAddr,
+    id: u64,
+) {
+    let refuse = |stream: &mut PageStream, status: &str, reason: &'static str| {
         board.refuse(reason);
-        // It need not read the reason.
-        let words = format!("{reason}\n");
-        let _ = http::answer(stream, status, http::TEXT, words.as_bytes(), WHOLE_ANSWER);
+        http::refuse(stream, status, reason, WHOLE_ANSWER);
         stream.end();
     };
-    let head = match Head::read(&mut stream) {
+    let head = match Head::asked(&mut stream, slot) {
         Ok(head) => head,
-        Err(error) => return refuse(&mut stream, "400 Bad Request", error.label()),
+        Err((status, reason)) => return refuse(&mut stream, status, reason),
     };
-    if let Err(reason) = slot.asked() {
-        return refuse(&mut stream, "503 Service Unavailable", reason);
-    }
     if head.minor_version != 1 {
         return refuse(&mut stream, "505 HTTP Version Not Supported", "malformed request");
     }

@@ -7,18 +7,18 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::Duration;
 
-use foretrace_serve::websocket::{Incoming, Limits, Message as Packet, Socket};
+use foretrace_serve::websocket::{Incoming, Message as Packet, Socket, SocketLimits};
 
-use crate::board::{Board, Denied, Order, Reply, What, now_ns};
-use crate::message::{MESSAGE_BYTES, Message, Request, asked_at, held_at, sample};
-use crate::wire::Wire;
+use crate::board::{ConsoleBoard, ControlDenied, PageAction, PageOrder, PageReply, now_ns};
+use crate::message::{MESSAGE_BYTES, OperatorRequest, PageMessage, asked_at, held_at, sample};
+use crate::wire::PageStream;
 
 /// Longest wait for a message, and so between two looks at new frames.
 const WAIT: Duration = Duration::from_millis(5);
 /// Longest time for which one write may hold the page's thread up.
 const WRITE: Duration = Duration::from_millis(20);
 /// A pen of 1000 Hz sends one message per sample at most; a page measures its clock every second.
-const LIMITS: Limits = Limits {
+const LIMITS: SocketLimits = SocketLimits {
     message_bytes: MESSAGE_BYTES,
     messages_per_s: 1500,
     write_buffer: 0,
@@ -27,7 +27,7 @@ const LIMITS: Limits = Limits {
 };
 
 /// Serves the page until it ends; `stream` has been upgraded.
-pub(crate) fn serve(board: &Arc<Board>, stream: Wire, id: u64, address: &str) {
+pub(crate) fn serve(board: &Arc<ConsoleBoard>, stream: PageStream, id: u64, address: &str) {
     if stream.set_timeouts(WAIT, WRITE).and_then(|()| stream.set_nodelay()).is_err() {
         return;
     }
@@ -50,12 +50,12 @@ pub(crate) fn serve(board: &Arc<Board>, stream: Wire, id: u64, address: &str) {
 }
 
 struct Page<'a> {
-    socket: Socket<Wire>,
-    board: &'a Arc<Board>,
+    socket: Socket<PageStream>,
+    board: &'a Arc<ConsoleBoard>,
     id: u64,
     address: &'a str,
-    replies: Sender<Reply>,
-    answers: Receiver<Reply>,
+    replies: Sender<PageReply>,
+    answers: Receiver<PageReply>,
     /// Number of the last frame that was shown.
     shown: u64,
     has_scene: bool,
@@ -120,7 +120,7 @@ impl Page<'_> {
 
     /// Does what the page says, if it may.
     fn hear(&mut self, text: &str) {
-        let message = match Message::read(text) {
+        let message = match PageMessage::read(text) {
             Ok(message) => message,
             Err(reason) => {
                 self.board.refuse(reason);
@@ -129,7 +129,7 @@ impl Page<'_> {
         };
         if message.needs_control() && !self.board.controls(self.id) {
             self.board.refuse("without control");
-            if !matches!(message, Message::Pen(_) | Message::Hold(..)) {
+            if !matches!(message, PageMessage::Pen(_) | PageMessage::Hold(..)) {
                 self.tell(false, "this page only watches: take the control first".to_owned());
             }
             return;
@@ -137,13 +137,13 @@ impl Page<'_> {
         self.carry_out(message);
     }
 
-    fn carry_out(&mut self, message: Message) {
+    fn carry_out(&mut self, message: PageMessage) {
         match message {
-            Message::Ping(at) => {
+            PageMessage::Ping(at) => {
                 let pong = serde_json::json!({ "pong": [at, now_ns() as f64 * 1e-3] });
                 self.send(&pong.to_string());
             }
-            Message::Control(token) => {
+            PageMessage::Control(token) => {
                 let (key, refused) = match self.board.take_control(self.id, self.address, &token) {
                     Ok(key) => {
                         self.board.note(&format!("the page of {} controls", self.address));
@@ -153,30 +153,30 @@ impl Page<'_> {
                 };
                 self.controls(refused, key);
             }
-            Message::Release(_) => {
+            PageMessage::Release(_) => {
                 self.board.release(self.id);
                 self.controls(None, None);
             }
             // Anybody may stop the arm, in the way that needs no middleware.
-            Message::Stop(_) => self.board.stops.ask(self.id, self.address, &self.replies),
-            Message::Pen(samples) => samples.into_iter().map(sample).for_each(|one| self.board.pen(one)),
-            Message::Hold(held, at_us) => match held_at(held, at_us, now_ns()) {
+            PageMessage::Stop(_) => self.board.stops.ask(self.id, self.address, &self.replies),
+            PageMessage::Pen(samples) => samples.into_iter().map(sample).for_each(|one| self.board.pen(one)),
+            PageMessage::Hold(held, at_us) => match held_at(held, at_us, now_ns()) {
                 Ok(at_ns) => self.board.hold(held, at_ns),
                 Err(reason) => self.board.refuse(reason),
             },
-            Message::Ask(request, at_us) => self.order(What::Ask(request), Some(at_us)),
-            Message::Write(text, at_us) => self.order(What::Write(text), Some(at_us)),
-            Message::TakePen(_) => self.order(What::TakePen, None),
-            Message::Record(on) => self.order(What::Record(on), None),
+            PageMessage::Ask(request, at_us) => self.order(PageAction::Ask(request), Some(at_us)),
+            PageMessage::Write(text, at_us) => self.order(PageAction::Write(text), Some(at_us)),
+            PageMessage::TakePen(_) => self.order(PageAction::TakePen, None),
+            PageMessage::Record(on) => self.order(PageAction::Record(on), None),
         }
     }
 
     /// `at_us`: when it was asked for, by the page's account; none: now.
-    fn order(&mut self, what: What, at_us: Option<f64>) {
+    fn order(&mut self, what: PageAction, at_us: Option<f64>) {
         let now_ns = now_ns();
         let asked_ns = match at_us.map_or(Ok(now_ns), |at_us| asked_at(at_us, now_ns)) {
             Ok(asked_ns) => asked_ns,
-            Err(_) if matches!(what, What::Ask(Request::Disarm(_))) => now_ns,
+            Err(_) if matches!(what, PageAction::Ask(OperatorRequest::Disarm(_))) => now_ns,
             Err(reason) => {
                 self.board.refuse(reason);
                 let words = format!("not carried out: {reason}: the page's clock is wrong; load it again");
@@ -184,13 +184,13 @@ impl Page<'_> {
             }
         };
         let reply = self.replies.clone();
-        if !self.board.order(Order { what, page: self.id, asked_ns, reply }) {
+        if !self.board.order(PageOrder { what, page: self.id, asked_ns, reply }) {
             self.tell(false, "too much is asked for at once: try again".to_owned());
         }
     }
 
     /// `key`: what opens the control from here on, in place of a token that worked once.
-    fn controls(&mut self, refused: Option<Denied>, key: Option<String>) {
+    fn controls(&mut self, refused: Option<ControlDenied>, key: Option<String>) {
         let mine = self.board.controls(self.id);
         let (refused, passing) = refused.map_or((None, false), |denied| (Some(denied.words), denied.passing));
         let control = serde_json::json!({ "mine": mine, "refused": refused, "passing": passing, "key": key });
@@ -198,6 +198,6 @@ impl Page<'_> {
     }
 
     fn tell(&mut self, done: bool, words: String) {
-        self.send(&serde_json::json!({ "reply": Reply { done, words } }).to_string());
+        self.send(&serde_json::json!({ "reply": PageReply { done, words } }).to_string());
     }
 }

@@ -1,13 +1,13 @@
 //! Stops that pages ask for: one thread for all of them.
 //!
 //! Contract: a stop is sent before anything is logged. Those that come while one is under way are answered by
-//! the next one together, so that a flood of them costs no thread and no memory beyond one place per page.
+//! the next one together, so that a flood of them costs no thread and no memory beyond one entry per page.
 
 use std::time::{Duration, Instant};
 
 use foretrace_client::Instance;
 
-use crate::board::{Board, Reply};
+use crate::board::{ConsoleBoard, PageReply};
 
 /// Longest wait for the confirmation of a stop.
 const STOP: Duration = Duration::from_secs(2);
@@ -15,7 +15,7 @@ const STOP: Duration = Duration::from_secs(2);
 const LINE_EVERY: Duration = Duration::from_secs(1);
 
 /// Stops the arm of `instance` whenever a page asks, until the console ends.
-pub(crate) fn serve(board: &Board, instance: &Instance) {
+pub(crate) fn serve(board: &ConsoleBoard, instance: &Instance) {
     carry_out(board, || {
         foretrace_client::stop(instance, STOP)
             .map(drop)
@@ -23,38 +23,39 @@ pub(crate) fn serve(board: &Board, instance: &Instance) {
     });
 }
 
-fn carry_out(board: &Board, mut stop: impl FnMut() -> Result<(), String>) {
-    let (mut told, mut more) = (None::<Instant>, 0);
+fn carry_out(board: &ConsoleBoard, mut stop: impl FnMut() -> Result<(), String>) {
+    let (mut reported, mut more) = (None::<Instant>, 0);
     loop {
         let over = board.is_over();
         let asked = board.stops.next(LINE_EVERY);
         if asked.is_empty() {
-            if more > 0 && told.is_none_or(|at| at.elapsed() >= LINE_EVERY) {
+            if more > 0 && reported.is_none_or(|at| at.elapsed() >= LINE_EVERY) {
                 board.note(&format!("{more} more stops asked for"));
-                (told, more) = (Some(Instant::now()), 0);
+                (reported, more) = (Some(Instant::now()), 0);
             }
             if over {
                 return;
             }
             continue;
         }
-        let (done, words) = match stop() {
-            Ok(()) => (true, "the arm stops".to_owned()),
-            Err(words) => (false, words),
-        };
+        let reply = PageReply::from(stop().map(|()| "the arm stops".to_owned()));
         let times: u64 = asked.iter().map(|one| one.times).sum();
         for one in &asked {
             // The page may be gone.
-            let _ = one.reply.send(Reply { done, words: words.clone() });
+            let _ = one.reply.send(reply.clone());
         }
         board.count(|tally| tally.stops += times);
-        if told.is_some_and(|at| at.elapsed() < LINE_EVERY) {
+        if reported.is_some_and(|at| at.elapsed() < LINE_EVERY) {
             more += times;
         } else {
             let pages: Vec<&str> = asked.iter().map(|one| one.address.as_str()).collect();
             let before = if more > 0 { format!("; {more} more before") } else { String::new() };
-            board.note(&format!("stop, asked for by the page of {}: {words}{before}", pages.join(", ")));
-            (told, more) = (Some(Instant::now()), 0);
+            board.note(&format!(
+                "stop, asked for by the page of {}: {}{before}",
+                pages.join(", "),
+                reply.words
+            ));
+            (reported, more) = (Some(Instant::now()), 0);
         }
     }
 }
@@ -70,7 +71,7 @@ mod tests {
     fn a_flood_of_stops_is_coalesced_and_every_page_is_answered_while_nobody_reads_the_log() {
         // A log that nobody drains, with room for one line.
         let (lines, said) = sync_channel(1);
-        let board = Board::new(
+        let board = ConsoleBoard::new(
             Keys::new(Token::random().unwrap(), false),
             lines,
             sync_channel(2).0,

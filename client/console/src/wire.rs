@@ -18,8 +18,7 @@ pub(crate) const TLS_BEGINS: u8 = 22;
 /// Most bytes of a page per second: a multiple of what the fastest pen needs.
 const BYTES: usize = 4 << 20;
 
-/// A connection.
-pub(crate) enum Wire {
+pub(crate) enum PageStream {
     Clear(Metered<TcpStream>),
     Secure(Box<Secure>),
 }
@@ -30,7 +29,7 @@ pub(crate) struct Secure {
     tls: ServerConnection,
 }
 
-impl Wire {
+impl PageStream {
     pub(crate) fn clear(socket: TcpStream) -> Self {
         Self::Clear(Metered::new(socket, BYTES))
     }
@@ -117,7 +116,7 @@ impl Write for Secure {
     }
 }
 
-impl Read for Wire {
+impl Read for PageStream {
     fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
         match self {
             Self::Clear(socket) => socket.read(into),
@@ -126,7 +125,7 @@ impl Read for Wire {
     }
 }
 
-impl Write for Wire {
+impl Write for PageStream {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         match self {
             Self::Clear(socket) => socket.write(bytes),

@@ -10,7 +10,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
-use foretrace_client::{Claimant, Enable, Foretrace, HolderKind, PenSample, monotonic_now_ns};
+use foretrace_client::wire::Enable;
+use foretrace_client::{Claimant, Foretrace, HolderKind, PenSample, monotonic_now_ns};
 use rig::{Rig, ask, wait_until, write};
 use serde_json::{Value, json};
 use tungstenite::Message as Packet;
@@ -64,18 +65,21 @@ fn without_the_token_nothing_moves_and_all_that_was_tried_is_counted() {
     let rig = Rig::start();
     let mut page = rig.page();
     page.say(json!({ "control": "0123456789abcdef0123456789abcdef" }));
-    let told = page.hears("control");
-    assert!(told["mine"] == false && told["refused"].as_str().unwrap().contains("token is wrong"), "{told}");
+    let reported = page.hears("control");
+    assert!(
+        reported["mine"] == false && reported["refused"].as_str().unwrap().contains("token is wrong"),
+        "{reported}"
+    );
     let pens = rig.heard(&rig.daemon.services.pen, || {
         let held = rig.heard(&rig.daemon.services.enable, || {
             page.writes(5);
             page.holds(true);
             for message in [ask(json!({ "arm": true })), write("Hi"), json!({"take_pen": true})] {
                 page.say(message);
-                let told = page.hears("reply");
+                let reported = page.hears("reply");
                 assert!(
-                    told["done"] == false && told["words"].as_str().unwrap().contains("only watches"),
-                    "{told}"
+                    reported["done"] == false && reported["words"].as_str().unwrap().contains("only watches"),
+                    "{reported}"
                 );
             }
             std::thread::sleep(Duration::from_millis(200));
@@ -95,8 +99,8 @@ fn one_page_controls_at_a_time_and_the_next_one_when_it_is_gone() {
     let first = rig.controller();
     let mut second = rig.page();
     second.say(json!({ "control": rig.token }));
-    let told = second.hears("control");
-    assert!(told["refused"].as_str().unwrap().contains("controls: give the control back"), "{told}");
+    let reported = second.hears("control");
+    assert!(reported["refused"].as_str().unwrap().contains("controls: give the control back"), "{reported}");
     drop(first);
     let deadline = Instant::now() + Duration::from_secs(20);
     loop {
@@ -119,26 +123,26 @@ fn dead_man(rig: &Rig, act: impl FnOnce(&AtomicUsize)) -> Vec<u32> {
 fn a_held_button_beats_and_silence_or_a_lost_page_lets_it_go() {
     let rig = Rig::start();
     let mut page = rig.controller();
-    let told = dead_man(&rig, |count| {
+    let reported = dead_man(&rig, |count| {
         page.holds_until(|| count.load(Ordering::Acquire) >= 10);
         // Says nothing more, as a page that hangs.
         wait_until(|| !rig.frame_says(&mut page, |here| here["held"] == true));
     });
-    assert!(told.iter().filter(|stop| **stop == 0).count() >= 10, "{told:?}");
-    assert_eq!(told.last(), Some(&1), "{told:?}");
-    let told = dead_man(&rig, |count| {
+    assert!(reported.iter().filter(|stop| **stop == 0).count() >= 10, "{reported:?}");
+    assert_eq!(reported.last(), Some(&1), "{reported:?}");
+    let reported = dead_man(&rig, |count| {
         page.holds_until(|| count.load(Ordering::Acquire) >= 5);
         drop(page);
         wait_until(|| rig.instance.holder(foretrace_client::Place::DeadMan).is_none());
     });
-    assert_eq!(told.last(), Some(&1), "{told:?}");
+    assert_eq!(reported.last(), Some(&1), "{reported:?}");
 }
 
 #[test]
 fn a_hold_that_was_long_under_way_enables_nothing() {
     let rig = Rig::start();
     let mut page = rig.controller();
-    let told = dead_man(&rig, |_| {
+    let reported = dead_man(&rig, |_| {
         for _ in 0..10 {
             let then_us = monotonic_now_ns() as f64 * 1e-3 - 200_000.0;
             page.say(json!({ "hold": [true, then_us] }));
@@ -147,7 +151,7 @@ fn a_hold_that_was_long_under_way_enables_nothing() {
         page.hears("pong");
         std::thread::sleep(Duration::from_millis(100));
     });
-    assert!(told.is_empty(), "{told:?}");
+    assert!(reported.is_empty(), "{reported:?}");
     assert_eq!(rig.end().refused["hold came too late"], 10);
 }
 
@@ -260,9 +264,9 @@ fn the_pen_of_a_tablet_is_taken_over_only_when_a_person_asks_for_it() {
     std::thread::sleep(Duration::from_millis(300));
     assert!(!tablet.is_finished());
     page.say(json!({ "take_pen": true }));
-    let told = page.hears("reply");
+    let reported = page.hears("reply");
     over.store(true, Ordering::Release);
-    assert!(told["done"] == true, "{told}");
+    assert!(reported["done"] == true, "{reported}");
     assert_eq!(tablet.join().unwrap(), Some(HolderKind::Browser));
 }
 
@@ -305,14 +309,21 @@ fn the_page_that_controls_records_and_every_page_sees_it() {
 fn a_stop_ends_the_writer() {
     let rig = Rig::start();
     let mut page = rig.controller();
+    let mut ended_ns = 0;
     let got: Vec<PenSample> = rig.heard_counting(&rig.daemon.services.pen, |count| {
         page.say(write("long"));
         assert_eq!(page.hears("reply")["done"], true);
         wait_until(|| count.load(Ordering::Acquire) >= 1);
         page.say(json!({ "stop": true }));
         wait_until(|| !rig.frame_says(&mut page, |here| here["writing"] == true));
+        ended_ns = monotonic_now_ns();
+        // Time for what a writer that goes on would send: a sample is due every few milliseconds.
+        std::thread::sleep(Duration::from_millis(300));
     });
-    assert!(!got.is_empty() && got.len() < 4000, "{}", got.len());
+    let last_ns = got.last().map_or(u64::MAX, |sample| sample.device_stamp_ns);
+    assert!(last_ns <= ended_ns, "it went on for {} ms", last_ns.saturating_sub(ended_ns) / 1_000_000);
+    // The text has 4000 points: it was the stop that ended it.
+    assert!(got.len() < 4000, "{}", got.len());
 }
 
 #[test]

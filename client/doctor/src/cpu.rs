@@ -1,15 +1,15 @@
 //! The processors: frequency scaling, idle states, and whether a core is isolated for the loop.
 
-use crate::finding::{Finding, Need};
+use crate::finding::{CheckResult, Need};
 use crate::kernel::if_there;
-use crate::machine::{Machine, Silent, listed};
+use crate::machine::{KernelFiles, Silent, listed};
 
 const GOVERNOR: &str = "cpu-governor";
 const IDLE: &str = "idle-states";
 const ISOLATION: &str = "isolated-cpus";
 
 /// Frequency scaling. Source: admin-guide/pm/cpufreq.
-pub(crate) fn governor(machine: &Machine, need: &Need) -> Finding {
+pub(crate) fn governor(machine: &KernelFiles, need: &Need) -> CheckResult {
     let (mut fast, mut slow) = (Vec::new(), Vec::new());
     for cpu in machine.cpus_of_loop(need.cpu) {
         let path = format!("sys/devices/system/cpu/cpu{cpu}/cpufreq/scaling_governor");
@@ -21,18 +21,20 @@ pub(crate) fn governor(machine: &Machine, need: &Need) -> Finding {
             {
                 slow.push((cpu, name));
             }
-            Ok(Some(name)) => return Finding::unseen(GOVERNOR, &path, crate::machine::garbage(&path, &name)),
-            Err(silent) => return Finding::unseen(GOVERNOR, &path, silent),
+            Ok(Some(name)) => {
+                return CheckResult::unseen(GOVERNOR, &path, crate::machine::garbage(&path, &name));
+            }
+            Err(silent) => return CheckResult::unseen(GOVERNOR, &path, silent),
         }
     }
     let Some((cpu, name)) = slow.first() else {
         return match fast.is_empty() {
-            true => Finding::ok(GOVERNOR, "no frequency scaling to be seen"),
-            false => Finding::ok(GOVERNOR, format!("performance on CPU {}", listed(&fast))),
+            true => CheckResult::ok(GOVERNOR, "no frequency scaling to be seen"),
+            false => CheckResult::ok(GOVERNOR, format!("performance on CPU {}", listed(&fast))),
         };
     };
     let more = if slow.len() > 1 { format!(" and {} more", slow.len() - 1) } else { String::new() };
-    Finding::warning(
+    CheckResult::warning(
         GOVERNOR,
         format!("{name} on CPU {cpu}{more}: a tick may begin at a low clock rate"),
         "`sudo cpupower frequency-set -g performance`, or `echo performance | sudo tee \
@@ -41,7 +43,7 @@ pub(crate) fn governor(machine: &Machine, need: &Need) -> Finding {
 }
 
 /// The deepest idle state that is not disabled, by what it costs to leave it. Source: admin-guide/pm/cpuidle.
-pub(crate) fn idle(machine: &Machine, need: &Need) -> Finding {
+pub(crate) fn idle(machine: &KernelFiles, need: &Need) -> CheckResult {
     let mut deepest: Option<(u64, String)> = None;
     let mut seen = false;
     for cpu in machine.cpus_of_loop(need.cpu) {
@@ -59,24 +61,24 @@ pub(crate) fn idle(machine: &Machine, need: &Need) -> Finding {
                     deepest = Some((us, name));
                 }
                 Ok(_) => {}
-                Err(silent) => return Finding::unseen(IDLE, &latency, silent),
+                Err(silent) => return CheckResult::unseen(IDLE, &latency, silent),
             }
         }
     }
     let Some((us, name)) = deepest else {
         let what =
             if seen { "all disabled" } else { "none to be seen: the idle CPU waits, or its host decides" };
-        return Finding::ok(IDLE, what);
+        return CheckResult::ok(IDLE, what);
     };
     let value = format!("deepest {name}, {us} µs to leave it; the period is {} µs", need.period_us);
     // A tenth of the period is lost at each wake-up; the spin before a release hides what is shorter than
     // itself.
     if us * 10 >= need.period_us {
-        Finding::bad(IDLE, value, idle_fix(need))
+        CheckResult::bad(IDLE, value, idle_fix(need))
     } else if us > need.spin_us.max(50) {
-        Finding::warning(IDLE, value, idle_fix(need))
+        CheckResult::warning(IDLE, value, idle_fix(need))
     } else {
-        Finding::ok(IDLE, value)
+        CheckResult::ok(IDLE, value)
     }
 }
 
@@ -89,20 +91,20 @@ fn idle_fix(need: &Need) -> String {
 }
 
 /// Isolated cores, and whether the loop is on one.
-pub(crate) fn isolation(machine: &Machine, need: &Need) -> Finding {
+pub(crate) fn isolation(machine: &KernelFiles, need: &Need) -> CheckResult {
     let online = match machine.online() {
         Ok(online) if !online.is_empty() => online,
         Ok(_) => {
-            return Finding::unseen(
+            return CheckResult::unseen(
                 ISOLATION,
                 "sys/devices/system/cpu/online",
                 Silent::Wrong("no CPU is online".into()),
             );
         }
-        Err(silent) => return Finding::unseen(ISOLATION, "sys/devices/system/cpu/online", silent),
+        Err(silent) => return CheckResult::unseen(ISOLATION, "sys/devices/system/cpu/online", silent),
     };
     if let Some(cpu) = need.cpu.filter(|cpu| !online.contains(cpu)) {
-        return Finding::bad(
+        return CheckResult::bad(
             ISOLATION,
             format!("loop.cpu = {cpu} does not run; these do: {}", listed(&online)),
             format!("set loop.cpu to one of {} in the settings file, or leave it out", listed(&online)),
@@ -111,35 +113,40 @@ pub(crate) fn isolation(machine: &Machine, need: &Need) -> Finding {
     let path = "sys/devices/system/cpu/isolated";
     let isolated = match if_there(machine.cpus(path)) {
         Ok(isolated) => isolated.unwrap_or_default(),
-        Err(silent) => return Finding::unseen(ISOLATION, path, silent),
+        Err(silent) => return CheckResult::unseen(ISOLATION, path, silent),
     };
     let free: Vec<u32> = isolated.iter().copied().filter(|cpu| online.contains(cpu)).collect();
     match (need.cpu, free.as_slice(), online.as_slice()) {
-        (Some(cpu), free, _) if free.contains(&cpu) => {
-            Finding::ok(ISOLATION, format!("the loop has CPU {cpu} to itself (isolated: {})", listed(free)))
-        }
-        (pinned, [.., last], _) => Finding::warning(
+        (Some(cpu), free, _) if free.contains(&cpu) => CheckResult::ok(
             ISOLATION,
-            format!("CPU {} isolated, but the loop {}", listed(&free), place(pinned)),
+            format!("the loop has CPU {cpu} to itself (isolated: {})", listed(free)),
+        ),
+        (pinned, [.., last], _) => CheckResult::warning(
+            ISOLATION,
+            format!("CPU {} isolated, but the loop {}", listed(&free), pinned_to(pinned)),
             format!("set loop.cpu = {last} in the settings file (or --set loop.cpu={last})"),
         ),
-        (pinned, [], [.., last]) if online.len() > 2 => Finding::warning(
+        (pinned, [], [.., last]) if online.len() > 2 => CheckResult::warning(
             ISOLATION,
-            format!("none of {}; the loop {}", online.len(), place(pinned)),
+            format!("none of {}; the loop {}", online.len(), pinned_to(pinned)),
             format!(
                 "boot with `isolcpus={last} nohz_full={last} rcu_nocbs={last}` (GRUB_CMDLINE_LINUX in \
                  /etc/default/grub, \
                  `sudo update-grub`), then set loop.cpu = {last}"
             ),
         ),
-        (pinned, [], _) => Finding::ok(
+        (pinned, [], _) => CheckResult::ok(
             ISOLATION,
-            format!("none; with {} CPUs there is none to spare, the loop {}", online.len(), place(pinned)),
+            format!(
+                "none; with {} CPUs there is none to spare, the loop {}",
+                online.len(),
+                pinned_to(pinned)
+            ),
         ),
     }
 }
 
-fn place(pinned: Option<u32>) -> String {
+fn pinned_to(pinned: Option<u32>) -> String {
     pinned.map_or_else(|| "is not pinned".to_owned(), |cpu| format!("is pinned to CPU {cpu}"))
 }
 

@@ -10,7 +10,7 @@ use crate::machine::Silent;
 pub enum Level {
     /// As it should be.
     Ok,
-    /// Not tried, for a reason that is told; does not decide.
+    /// Not tried, for a reason that is given; does not decide.
     Skipped,
     /// Could be better, or could not be seen; does not decide.
     Warning,
@@ -20,18 +20,17 @@ pub enum Level {
 
 /// One line of the report; keys are stable.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-pub struct Finding {
+pub struct CheckResult {
     pub name: &'static str,
     /// Nothing to do: `level` is `ok`.
     pub ok: bool,
     pub level: Level,
-    /// What was found.
     pub value: String,
     /// What to do about it; empty only where `ok`.
     pub fix: String,
 }
 
-impl Finding {
+impl CheckResult {
     pub(crate) fn ok(name: &'static str, value: impl Into<String>) -> Self {
         Self { name, ok: true, level: Level::Ok, value: value.into(), fix: String::new() }
     }
@@ -77,7 +76,6 @@ pub(crate) struct Need {
 
 #[cfg(test)]
 impl Need {
-    /// The presets'.
     pub(crate) const USUAL: Self =
         Self { rate_hz: 500, period_us: 2000, spin_us: 50, priority: 80, cpu: None, lock_memory: true };
 }

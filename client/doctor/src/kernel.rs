@@ -1,7 +1,7 @@
 //! The kernel: pre-emption, throttling of real-time threads, clock source.
 
-use crate::finding::{Finding, Need};
-use crate::machine::{Machine, Silent};
+use crate::finding::{CheckResult, Need};
+use crate::machine::{KernelFiles, Silent};
 
 const PREEMPTION: &str = "kernel-preemption";
 const THROTTLING: &str = "rt-throttling";
@@ -9,7 +9,7 @@ const CLOCK: &str = "clock-source";
 
 /// How soon a thread of higher priority gets the CPU while the kernel works for another.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Model {
+enum Preemption {
     /// PREEMPT_RT: nearly at once.
     RealTime,
     /// At the end of the spinlock or interrupt at hand.
@@ -26,12 +26,14 @@ enum Model {
 
 /// Pre-emption of the kernel itself. Source: kernel/Kconfig.preempt, `preempt=` in
 /// admin-guide/kernel-parameters.
-pub(crate) fn preemption(machine: &Machine) -> Finding {
+pub(crate) fn preemption(machine: &KernelFiles) -> CheckResult {
     let path = "proc/sys/kernel/version";
     let version = match machine.text(path) {
         Ok(version) if version.contains('#') => version,
-        Ok(version) => return Finding::unseen(PREEMPTION, path, crate::machine::garbage(path, &version)),
-        Err(silent) => return Finding::unseen(PREEMPTION, path, silent),
+        Ok(version) => {
+            return CheckResult::unseen(PREEMPTION, path, crate::machine::garbage(path, &version));
+        }
+        Err(silent) => return CheckResult::unseen(PREEMPTION, path, silent),
     };
     let boot =
         "add `preempt=full` to GRUB_CMDLINE_LINUX in /etc/default/grub, then `sudo update-grub` and reboot";
@@ -39,16 +41,20 @@ pub(crate) fn preemption(machine: &Machine) -> Finding {
                 linux-image-rt-amd64`; \
                 Ubuntu: `sudo pro enable realtime-kernel`) and reboot";
     match model(machine, &version) {
-        Model::RealTime => Finding::ok(PREEMPTION, "PREEMPT_RT"),
-        Model::Full => Finding::warning(PREEMPTION, "full, not PREEMPT_RT", best),
-        Model::Lazy => {
-            Finding::warning(PREEMPTION, "lazy (full for real-time threads), not PREEMPT_RT", best)
+        Preemption::RealTime => CheckResult::ok(PREEMPTION, "PREEMPT_RT"),
+        Preemption::Full => CheckResult::warning(PREEMPTION, "full, not PREEMPT_RT", best),
+        Preemption::Lazy => {
+            CheckResult::warning(PREEMPTION, "lazy (full for real-time threads), not PREEMPT_RT", best)
         }
-        Model::Voluntary => Finding::bad(PREEMPTION, "voluntary: a system call can hold a tick up", boot),
-        Model::None => {
-            Finding::bad(PREEMPTION, "none: any system call can hold a tick up", format!("{boot}; or {best}"))
+        Preemption::Voluntary => {
+            CheckResult::bad(PREEMPTION, "voluntary: a system call can hold a tick up", boot)
         }
-        Model::Hidden => Finding::warning(
+        Preemption::None => CheckResult::bad(
+            PREEMPTION,
+            "none: any system call can hold a tick up",
+            format!("{boot}; or {best}"),
+        ),
+        Preemption::Hidden => CheckResult::warning(
             PREEMPTION,
             "chosen at boot (PREEMPT_DYNAMIC), cannot be seen from here",
             format!(
@@ -58,54 +64,54 @@ pub(crate) fn preemption(machine: &Machine) -> Finding {
     }
 }
 
-fn model(machine: &Machine, version: &str) -> Model {
+fn model(machine: &KernelFiles, version: &str) -> Preemption {
     let flags: Vec<&str> = version.split_whitespace().collect();
     if flags.contains(&"PREEMPT_RT") || machine.value::<u32>("sys/kernel/realtime") == Ok(1) {
-        return Model::RealTime;
+        return Preemption::RealTime;
     }
     if flags.contains(&"PREEMPT_DYNAMIC") {
         // The running model, the boot parameter, the build option: the first that can be read.
         return running(machine)
             .or_else(|| asked(machine))
             .or_else(|| built(machine))
-            .unwrap_or(Model::Hidden);
+            .unwrap_or(Preemption::Hidden);
     }
     if flags.contains(&"PREEMPT") {
-        return if built(machine) == Some(Model::Lazy) { Model::Lazy } else { Model::Full };
+        return if built(machine) == Some(Preemption::Lazy) { Preemption::Lazy } else { Preemption::Full };
     }
-    if built(machine) == Some(Model::Voluntary) { Model::Voluntary } else { Model::None }
+    if built(machine) == Some(Preemption::Voluntary) { Preemption::Voluntary } else { Preemption::None }
 }
 
-fn named(name: &str) -> Option<Model> {
+fn named(name: &str) -> Option<Preemption> {
     match name {
-        "full" => Some(Model::Full),
-        "lazy" => Some(Model::Lazy),
-        "voluntary" => Some(Model::Voluntary),
-        "none" => Some(Model::None),
+        "full" => Some(Preemption::Full),
+        "lazy" => Some(Preemption::Lazy),
+        "voluntary" => Some(Preemption::Voluntary),
+        "none" => Some(Preemption::None),
         _ => None,
     }
 }
 
 /// The one in brackets.
-fn running(machine: &Machine) -> Option<Model> {
+fn running(machine: &KernelFiles) -> Option<Preemption> {
     let text = machine.text("sys/kernel/debug/sched/preempt").ok()?;
     text.split_whitespace().find_map(|word| named(word.strip_prefix('(')?.strip_suffix(')')?))
 }
 
-fn asked(machine: &Machine) -> Option<Model> {
+fn asked(machine: &KernelFiles) -> Option<Preemption> {
     let line = machine.text("proc/cmdline").ok()?;
     line.split_whitespace().filter_map(|word| named(word.strip_prefix("preempt=")?)).next_back()
 }
 
-fn built(machine: &Machine) -> Option<Model> {
+fn built(machine: &KernelFiles) -> Option<Preemption> {
     let release = machine.text("proc/sys/kernel/osrelease").ok().filter(|release| !release.contains('/'))?;
     let config = machine.text(&format!("boot/config-{release}")).ok()?;
     let has = |key: &str| config.lines().any(|line| line.strip_prefix(key) == Some("=y"));
     [
-        ("CONFIG_PREEMPT", Model::Full),
-        ("CONFIG_PREEMPT_LAZY", Model::Lazy),
-        ("CONFIG_PREEMPT_VOLUNTARY", Model::Voluntary),
-        ("CONFIG_PREEMPT_NONE", Model::None),
+        ("CONFIG_PREEMPT", Preemption::Full),
+        ("CONFIG_PREEMPT_LAZY", Preemption::Lazy),
+        ("CONFIG_PREEMPT_VOLUNTARY", Preemption::Voluntary),
+        ("CONFIG_PREEMPT_NONE", Preemption::None),
     ]
     .into_iter()
     .find_map(|(key, model)| has(key).then_some(model))
@@ -113,23 +119,23 @@ fn built(machine: &Machine) -> Option<Model> {
 
 /// The share of each period that real-time threads may take together. Source: scheduler/sched-rt-group in the
 /// kernel's documentation.
-pub(crate) fn throttling(machine: &Machine, need: &Need) -> Finding {
+pub(crate) fn throttling(machine: &KernelFiles, need: &Need) -> CheckResult {
     let (runtime_path, period_path) =
         ("proc/sys/kernel/sched_rt_runtime_us", "proc/sys/kernel/sched_rt_period_us");
     let runtime: i64 = match machine.value(runtime_path) {
         Ok(runtime) => runtime,
-        Err(silent) => return Finding::unseen(THROTTLING, runtime_path, silent),
+        Err(silent) => return CheckResult::unseen(THROTTLING, runtime_path, silent),
     };
     if runtime < 0 {
-        return Finding::ok(THROTTLING, "off");
+        return CheckResult::ok(THROTTLING, "off");
     }
     let period: i64 = match machine.value(period_path) {
         Ok(period) if period > 0 => period,
         Ok(period) => {
             let silent = crate::machine::garbage(period_path, &period.to_string());
-            return Finding::unseen(THROTTLING, period_path, silent);
+            return CheckResult::unseen(THROTTLING, period_path, silent);
         }
-        Err(silent) => return Finding::unseen(THROTTLING, period_path, silent),
+        Err(silent) => return CheckResult::unseen(THROTTLING, period_path, silent),
     };
     let share = runtime as f64 / period as f64;
     // The loop spins, then works for at most about half a period before it sheds.
@@ -144,27 +150,27 @@ pub(crate) fn throttling(machine: &Machine, need: &Need) -> Finding {
                good: both \
                lines in /etc/sysctl.d/90-foretrace.conf";
     if share < wanted {
-        Finding::bad(THROTTLING, value, fix)
+        CheckResult::bad(THROTTLING, value, fix)
     } else if share < 0.9 {
-        Finding::warning(THROTTLING, value, fix)
+        CheckResult::warning(THROTTLING, value, fix)
     } else {
-        Finding::ok(THROTTLING, value)
+        CheckResult::ok(THROTTLING, value)
     }
 }
 
 /// The hardware behind CLOCK_MONOTONIC: slow ones cost a microsecond or a system call at each of a tick's
 /// dozen readings.
-pub(crate) fn clock(machine: &Machine) -> Finding {
+pub(crate) fn clock(machine: &KernelFiles) -> CheckResult {
     let folder = "sys/devices/system/clocksource/clocksource0";
     let path = format!("{folder}/current_clocksource");
     let current = match machine.text(&path) {
         Ok(current) if is_word(&current) => current,
-        Ok(current) => return Finding::unseen(CLOCK, &path, crate::machine::garbage(&path, &current)),
-        Err(silent) => return Finding::unseen(CLOCK, &path, silent),
+        Ok(current) => return CheckResult::unseen(CLOCK, &path, crate::machine::garbage(&path, &current)),
+        Err(silent) => return CheckResult::unseen(CLOCK, &path, silent),
     };
     match current.as_str() {
         "tsc" | "kvm-clock" | "arch_sys_counter" | "hyperv_clocksource_tsc_page" => {
-            Finding::ok(CLOCK, current)
+            CheckResult::ok(CLOCK, current)
         }
         _ => {
             let available = machine.text(&format!("{folder}/available_clocksource")).unwrap_or_default();
@@ -183,10 +189,10 @@ pub(crate) fn clock(machine: &Machine) -> Finding {
             };
             match current.as_str() {
                 "jiffies" | "refined-jiffies" => {
-                    Finding::bad(CLOCK, format!("{current}: counts whole ticks of the kernel only"), fix)
+                    CheckResult::bad(CLOCK, format!("{current}: counts whole ticks of the kernel only"), fix)
                 }
-                "hpet" | "acpi_pm" => Finding::warning(CLOCK, format!("{current}: slow to read"), fix),
-                _ => Finding::warning(CLOCK, format!("{current}: may be slow to read"), fix),
+                "hpet" | "acpi_pm" => CheckResult::warning(CLOCK, format!("{current}: slow to read"), fix),
+                _ => CheckResult::warning(CLOCK, format!("{current}: may be slow to read"), fix),
             }
         }
     }
@@ -213,7 +219,7 @@ mod tests {
 
     const VERSION: &str = "proc/sys/kernel/version";
 
-    fn preempts(files: &[(&str, &[u8])]) -> Finding {
+    fn preempts(files: &[(&str, &[u8])]) -> CheckResult {
         preemption(&MadeUp::new(files).machine())
     }
 

@@ -11,10 +11,10 @@ use foretrace_client::Instance;
 use foretrace_shm::{Cleaned, InstanceError, Leftovers, Prefixed, SHARED_MEMORY, effective_user, prefixed};
 use serde::Serialize;
 
-use crate::DoctorError;
 use crate::bounded::{asked, within};
-use crate::finding::Finding;
-use crate::machine::{Machine, Silent};
+use crate::finding::CheckResult;
+use crate::machine::{KernelFiles, Silent};
+use foretrace_failure::Failure;
 
 const LEFTOVERS: &str = "leftovers";
 /// Milliseconds are usual.
@@ -31,16 +31,16 @@ pub struct Removed {
 }
 
 /// What was found in one instance; `None` where the middleware hangs.
-type Found = (Instance, Option<Result<Leftovers, InstanceError>>);
+type FoundLeftovers = (Instance, Option<Result<Leftovers, InstanceError>>);
 
 /// Which instances to look at: one with a folder of its own is private and stands alone.
 #[derive(Debug)]
-pub(crate) struct Scope {
+pub(crate) struct CleanScope {
     instances: Vec<Instance>,
     alone: bool,
 }
 
-impl Scope {
+impl CleanScope {
     /// The instance of the settings, and unless it is private all others of this user.
     pub(crate) fn new(own: &Instance, everybody: &[Instance], private: bool) -> Self {
         let instances = if private { vec![own.clone()] } else { everybody.to_vec() };
@@ -68,7 +68,7 @@ pub(crate) fn daemon(instances: &[Instance]) -> Option<(u32, u32)> {
 }
 
 /// Removes what dead processes left behind, and reports each instance at once: a later one may fail.
-pub(crate) fn clean(scope: &Scope, mut tell: impl FnMut(&Removed)) -> Result<Vec<Removed>, DoctorError> {
+pub(crate) fn clean(scope: &CleanScope, mut tell: impl FnMut(&Removed)) -> Result<Vec<Removed>, Failure> {
     let mut removed = Vec::new();
     for instance in &scope.instances {
         let there = instance.clone();
@@ -76,7 +76,7 @@ pub(crate) fn clean(scope: &Scope, mut tell: impl FnMut(&Removed)) -> Result<Vec
             Some(Ok(cleaned)) => cleaned,
             Some(Err(error)) => {
                 let what = format!("instance {} not cleaned: {error}", instance.number());
-                return Err(DoctorError::failed(what, ""));
+                return Err(Failure::failed(what, ""));
             }
             None => {
                 let what = format!(
@@ -84,7 +84,7 @@ pub(crate) fn clean(scope: &Scope, mut tell: impl FnMut(&Removed)) -> Result<Vec
                     instance.number(),
                     PATIENCE.as_secs()
                 );
-                return Err(DoctorError::failed(what, by_hand(instance)));
+                return Err(Failure::failed(what, by_hand(instance)));
             }
         };
         let Cleaned { nodes, segments, bytes, failed } = cleaned;
@@ -93,7 +93,7 @@ pub(crate) fn clean(scope: &Scope, mut tell: impl FnMut(&Removed)) -> Result<Vec
                 "{failed} nodes of dead processes in instance {} could not be cleaned up",
                 instance.number()
             );
-            return Err(DoctorError::failed(what, by_hand(instance)));
+            return Err(Failure::failed(what, by_hand(instance)));
         }
         if cleaned != Cleaned::default() {
             let root = instance.root().to_path_buf();
@@ -106,8 +106,7 @@ pub(crate) fn clean(scope: &Scope, mut tell: impl FnMut(&Removed)) -> Result<Vec
 }
 
 impl Removed {
-    /// For people.
-    pub fn told(&self) -> String {
+    pub fn words(&self) -> String {
         format!(
             "removed of instance {} ({}): {} nodes of dead processes, {} files in {SHARED_MEMORY}, {} KiB",
             self.instance,
@@ -120,7 +119,7 @@ impl Removed {
 }
 
 /// What is left behind now.
-pub(crate) fn judge(machine: &Machine, scope: &Scope) -> Finding {
+pub(crate) fn judge(machine: &KernelFiles, scope: &CleanScope) -> CheckResult {
     // All at once: several that hang take no longer than one.
     let look = |instance: &Instance| {
         let there = instance.clone();
@@ -132,7 +131,7 @@ pub(crate) fn judge(machine: &Machine, scope: &Scope) -> Finding {
         let left = deadline.saturating_duration_since(Instant::now());
         (instance, answer.and_then(|answer| answer.recv_timeout(left).ok()))
     };
-    let found: Vec<Found> = asked.into_iter().map(answer).collect();
+    let found: Vec<FoundLeftovers> = asked.into_iter().map(answer).collect();
     let strangers = match scope.alone {
         true => Vec::new(),
         false => strangers(machine, Path::new(SHARED_MEMORY), &scope.instances, effective_user()),
@@ -140,14 +139,17 @@ pub(crate) fn judge(machine: &Machine, scope: &Scope) -> Finding {
     judged(&found, &strangers)
 }
 
-fn judged(found: &[Found], strangers: &[Prefixed]) -> Finding {
+fn judged(found: &[FoundLeftovers], strangers: &[Prefixed]) -> CheckResult {
     let (mut values, mut fixes, mut worst) = (Vec::new(), Vec::new(), None);
-    for (place, (instance, found)) in found.iter().enumerate() {
+    for (index, (instance, found)) in found.iter().enumerate() {
         match found {
             Some(Ok(left)) if left.is_empty() => {}
             Some(Ok(left)) => {
-                let segments =
-                    if left.in_use() { String::new() } else { told(left.memory.segments, left.memory.bytes) };
+                let segments = if left.in_use() {
+                    String::new()
+                } else {
+                    amount(left.memory.segments, left.memory.bytes)
+                };
                 let dead = left.dead.len() + left.damaged;
                 values.push(format!(
                     "instance {}: {dead} nodes of dead processes{segments}",
@@ -159,7 +161,7 @@ fn judged(found: &[Found], strangers: &[Prefixed]) -> Finding {
                 values.push(format!("instance {}: {error}", instance.number()));
                 fixes.push(format!("see to {}", instance.root().display()));
                 // The daemon of these settings would hang in the same way.
-                worst = worst.or((place == 0).then_some(()));
+                worst = worst.or((index == 0).then_some(()));
             }
             None => {
                 values.push(format!(
@@ -168,23 +170,27 @@ fn judged(found: &[Found], strangers: &[Prefixed]) -> Finding {
                     PATIENCE.as_secs()
                 ));
                 fixes.push(by_hand(instance));
-                worst = worst.or((place == 0).then_some(()));
+                worst = worst.or((index == 0).then_some(()));
             }
         }
     }
     for group in strangers {
-        values.push(format!("{}*: no process to be seen{}", group.prefix, told(group.segments, group.bytes)));
+        values.push(format!(
+            "{}*: no process to be seen{}",
+            group.prefix,
+            amount(group.segments, group.bytes)
+        ));
         fixes.push(format!("`rm {SHARED_MEMORY}/{}*` if no container uses it either", group.prefix));
     }
     fixes.dedup();
     match (values.is_empty(), worst) {
-        (true, _) => Finding::ok(LEFTOVERS, format!("none ({} instances in sight)", found.len())),
-        (false, None) => Finding::warning(LEFTOVERS, values.join("; "), fixes.join("; ")),
-        (false, Some(())) => Finding::bad(LEFTOVERS, values.join("; "), fixes.join("; ")),
+        (true, _) => CheckResult::ok(LEFTOVERS, format!("none ({} instances in sight)", found.len())),
+        (false, None) => CheckResult::warning(LEFTOVERS, values.join("; "), fixes.join("; ")),
+        (false, Some(())) => CheckResult::bad(LEFTOVERS, values.join("; "), fixes.join("; ")),
     }
 }
 
-fn told(segments: usize, bytes: u64) -> String {
+fn amount(segments: usize, bytes: u64) -> String {
     format!(", {segments} files in {SHARED_MEMORY}, {} KiB", bytes.div_ceil(1024))
 }
 
@@ -198,7 +204,7 @@ fn by_hand(instance: &Instance) -> String {
 
 /// Files of this user in `folder` that belong to none of the instances and are mapped by no process. Where a
 /// process cannot be looked into, nothing counts as unused.
-fn strangers(machine: &Machine, folder: &Path, instances: &[Instance], user: u32) -> Vec<Prefixed> {
+fn strangers(machine: &KernelFiles, folder: &Path, instances: &[Instance], user: u32) -> Vec<Prefixed> {
     let mut groups = prefixed(folder).unwrap_or_default();
     groups
         .retain(|group| group.owner == user && !instances.iter().any(|known| known.prefix() == group.prefix));
@@ -220,7 +226,7 @@ fn strangers(machine: &Machine, folder: &Path, instances: &[Instance], user: u32
     groups
 }
 
-fn owner_differs(machine: &Machine, process: &str, user: u32) -> bool {
+fn owner_differs(machine: &KernelFiles, process: &str, user: u32) -> bool {
     let status = machine.text(&format!("proc/{process}/status")).unwrap_or_default();
     let uids = status.lines().find_map(|line| line.strip_prefix("Uid:"));
     let effective = uids.and_then(|uids| uids.split_whitespace().nth(1)?.parse::<u32>().ok());

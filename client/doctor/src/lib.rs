@@ -24,61 +24,39 @@ mod robot;
 
 use foretrace_client::Instance;
 use foretrace_config::{Config, Settings};
+use foretrace_failure::Failure;
 use serde::Serialize;
 
 use finding::Need;
-pub use finding::{Finding, Level};
+pub use finding::{CheckResult, Level};
+use leftovers::CleanScope;
 pub use leftovers::Removed;
-use leftovers::Scope;
 use load::Snapshot;
-use machine::Machine;
+use machine::KernelFiles;
 pub use rehearsal::Lateness;
-use rehearsal::{Restraint, Shown};
+use rehearsal::{RehearsalResult, Restraint};
 pub use robot::{RobotReport, examine_robot};
 
 /// Whether everything that decides is as it should be.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Verdict {
+pub enum Fitness {
     /// No finding is bad.
     Fit,
-    /// One is.
     Unfit,
-}
-
-/// Why there is no report.
-#[derive(Debug, thiserror::Error)]
-pub enum DoctorError {
-    /// Somebody asked to end.
-    #[error("interrupted")]
-    Interrupted,
-    /// Something failed.
-    #[error("{what}")]
-    Failed {
-        /// What.
-        what: String,
-        /// What to do; may be empty.
-        remedy: String,
-    },
-}
-
-impl DoctorError {
-    pub(crate) fn failed(what: impl std::fmt::Display, remedy: impl Into<String>) -> Self {
-        Self::Failed { what: what.to_string(), remedy: remedy.into() }
-    }
 }
 
 /// The result; keys are stable.
 #[derive(Debug, Serialize)]
 pub struct Report {
-    pub verdict: Verdict,
+    pub verdict: Fitness,
     pub rate_hz: u32,
     /// Between two ticks \[us\].
     pub period_us: u64,
     /// How long wake-ups were measured.
     pub seconds: f64,
     pub settings: String,
-    pub checks: Vec<Finding>,
+    pub checks: Vec<CheckResult>,
     /// How late the ticks began \[us\].
     pub lateness_us: Lateness,
     /// By [`Doctor::clean`] before; none without it.
@@ -88,13 +66,11 @@ pub struct Report {
 
 impl Report {
     /// One line per check, then the verdict.
-    #[must_use]
     pub fn lines(&self) -> Vec<String> {
         table(self)
     }
 
     /// The names of all bad findings.
-    #[must_use]
     pub fn bad(&self) -> String {
         names(&self.checks, Level::Bad)
     }
@@ -106,15 +82,14 @@ pub struct Doctor<'a> {
     config: &'a Config,
     own: Instance,
     instances: Vec<Instance>,
-    scope: Scope,
+    scope: CleanScope,
 }
 
 impl<'a> Doctor<'a> {
     /// For the loop of `config`, whose instance is `own`.
-    #[must_use]
     pub fn new(config: &'a Config, own: Instance) -> Self {
         let instances = leftovers::in_sight(&own);
-        let scope = Scope::new(&own, &instances, config.settings().instance.root_dir.is_some());
+        let scope = CleanScope::new(&own, &instances, config.settings().instance.root_dir.is_some());
         Self { config, own, instances, scope }
     }
 
@@ -124,7 +99,7 @@ impl<'a> Doctor<'a> {
     /// # Errors
     ///
     /// `Failed`: an instance cannot be cleaned.
-    pub fn clean(&self, tell: impl FnMut(&Removed)) -> Result<Vec<Removed>, DoctorError> {
+    pub fn clean(&self, tell: impl FnMut(&Removed)) -> Result<Vec<Removed>, Failure> {
         leftovers::clean(&self.scope, tell)
     }
 
@@ -139,18 +114,18 @@ impl<'a> Doctor<'a> {
         seconds: f64,
         with_rights: bool,
         interrupted: &dyn Fn() -> bool,
-    ) -> Result<Report, DoctorError> {
+    ) -> Result<Report, Failure> {
         let Self { config, own, instances, scope } = self;
         let settings = config.settings();
         let need = need(settings);
         let daemon = leftovers::daemon(instances).map(|(number, pid)| Restraint::Daemon(number, pid));
         let restraint = daemon.or((!with_rights).then_some(Restraint::Asked));
-        let machine = Machine::here();
+        let machine = KernelFiles::here();
         let before = Snapshot::take(&machine);
         let shown = rehearsal::run(settings, restraint.as_ref(), seconds, interrupted)?;
         let after = Snapshot::take(&machine);
 
-        let Shown { lateness, missing } = shown;
+        let RehearsalResult { lateness, missing } = shown;
         let checks = vec![
             kernel::preemption(&machine),
             kernel::throttling(&machine, &need),
@@ -194,18 +169,18 @@ fn need(settings: &Settings) -> Need {
     }
 }
 
-fn verdict(checks: &[Finding]) -> Verdict {
-    if checks.iter().any(|check| check.level == Level::Bad) { Verdict::Unfit } else { Verdict::Fit }
+fn verdict(checks: &[CheckResult]) -> Fitness {
+    if checks.iter().any(|check| check.level == Level::Bad) { Fitness::Unfit } else { Fitness::Fit }
 }
 
-fn names(checks: &[Finding], level: Level) -> String {
+fn names(checks: &[CheckResult], level: Level) -> String {
     let names: Vec<&str> =
         checks.iter().filter(|check| check.level == level).map(|check| check.name).collect();
     names.join(", ")
 }
 
 /// One line per check, its fix beneath where there is one.
-fn lines(checks: &[Finding]) -> Vec<String> {
+fn lines(checks: &[CheckResult]) -> Vec<String> {
     let width = checks.iter().map(|check| check.name.len()).max().unwrap_or(0);
     let mut lines = Vec::new();
     for check in checks {
@@ -228,15 +203,15 @@ fn table(report: &Report) -> Vec<String> {
     let mut lines = lines(&report.checks);
     lines.push(String::new());
     lines.push(match report.verdict {
-        Verdict::Fit => {
-            let told = |what: &str, level| match names(&report.checks, level).as_str() {
+        Fitness::Fit => {
+            let besides = |what: &str, level| match names(&report.checks, level).as_str() {
                 "" => String::new(),
                 these => format!("; {what}: {these}"),
             };
-            let better = told("could be better", Level::Warning);
-            format!("fit for {} Hz{better}{}", report.rate_hz, told("not tried", Level::Skipped))
+            let better = besides("could be better", Level::Warning);
+            format!("fit for {} Hz{better}{}", report.rate_hz, besides("not tried", Level::Skipped))
         }
-        Verdict::Unfit => format!("UNFIT for {} Hz: {}", report.rate_hz, names(&report.checks, Level::Bad)),
+        Fitness::Unfit => format!("UNFIT for {} Hz: {}", report.rate_hz, names(&report.checks, Level::Bad)),
     });
     lines
 }
@@ -246,7 +221,7 @@ mod tests {
     use super::*;
     use foretrace_sim::spread::Quantiles;
 
-    fn report(checks: Vec<Finding>) -> Report {
+    fn report(checks: Vec<CheckResult>) -> Report {
         let lateness_us = Lateness {
             ticks: 1,
             missed: 0,
@@ -269,18 +244,20 @@ mod tests {
     #[test]
     fn one_bad_finding_makes_the_machine_unfit_and_warnings_do_not() {
         let (good, poor) =
-            (Finding::ok("clock", "tsc"), Finding::warning("governor", "powersave", "do this"));
-        assert_eq!(report(vec![good.clone(), poor.clone()]).verdict, Verdict::Fit);
+            (CheckResult::ok("clock", "tsc"), CheckResult::warning("governor", "powersave", "do this"));
+        assert_eq!(report(vec![good.clone(), poor.clone()]).verdict, Fitness::Fit);
         assert_eq!(
-            report(vec![good, Finding::bad("kernel", "none", "do that"), poor]).verdict,
-            Verdict::Unfit
+            report(vec![good, CheckResult::bad("kernel", "none", "do that"), poor]).verdict,
+            Fitness::Unfit
         );
     }
 
     #[test]
     fn every_check_is_one_aligned_line_with_its_fix_beneath() {
-        let lines =
-            table(&report(vec![Finding::ok("clock", "tsc"), Finding::bad("governor", "slow", "do this")]));
+        let lines = table(&report(vec![
+            CheckResult::ok("clock", "tsc"),
+            CheckResult::bad("governor", "slow", "do this"),
+        ]));
         assert_eq!(lines[0], "ok       clock     tsc");
         assert_eq!(lines[1], "BAD      governor  slow");
         assert_eq!(lines[2].trim(), "-> do this");
@@ -289,7 +266,8 @@ mod tests {
 
     #[test]
     fn keys_of_the_report_are_those_that_were_promised() {
-        let json = serde_json::to_value(report(vec![Finding::bad("governor", "slow", "do this")])).unwrap();
+        let json =
+            serde_json::to_value(report(vec![CheckResult::bad("governor", "slow", "do this")])).unwrap();
         assert_eq!(json["verdict"], "unfit");
         let check = serde_json::json!({"name": "governor", "ok": false, "level": "bad", "value": "slow",
             "fix": "do this"});

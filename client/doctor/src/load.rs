@@ -5,8 +5,8 @@
 
 use std::collections::BTreeMap;
 
-use crate::finding::{Finding, Need};
-use crate::machine::{Machine, Silent, garbage};
+use crate::finding::{CheckResult, Need};
+use crate::machine::{KernelFiles, Silent, garbage};
 
 const STEAL: &str = "hypervisor-steal";
 const IRQS: &str = "irq-affinity";
@@ -25,7 +25,7 @@ pub(crate) struct Snapshot {
 }
 
 impl Snapshot {
-    pub(crate) fn take(machine: &Machine) -> Self {
+    pub(crate) fn take(machine: &KernelFiles) -> Self {
         Self {
             times: machine.text(STAT).and_then(|text| times(&text)),
             interrupts: machine.text(INTERRUPTS).and_then(|text| interrupts(&text)),
@@ -72,10 +72,10 @@ fn interrupts(text: &str) -> Result<Interrupts, Silent> {
 }
 
 /// Time that the host gave to others, on the CPUs of the loop.
-pub(crate) fn steal(machine: &Machine, need: &Need, before: &Snapshot, after: &Snapshot) -> Finding {
+pub(crate) fn steal(machine: &KernelFiles, need: &Need, before: &Snapshot, after: &Snapshot) -> CheckResult {
     let (before, after) = match (&before.times, &after.times) {
         (Ok(before), Ok(after)) => (before, after),
-        (Err(silent), _) | (_, Err(silent)) => return Finding::unseen(STEAL, STAT, silent.clone()),
+        (Err(silent), _) | (_, Err(silent)) => return CheckResult::unseen(STEAL, STAT, silent.clone()),
     };
     let mut worst: Option<(f64, u32)> = None;
     for cpu in machine.cpus_of_loop(need.cpu) {
@@ -88,7 +88,7 @@ pub(crate) fn steal(machine: &Machine, need: &Need, before: &Snapshot, after: &S
         }
     }
     let Some((share, cpu)) = worst else {
-        return Finding::unseen(
+        return CheckResult::unseen(
             STEAL,
             STAT,
             Silent::Wrong(format!("/{STAT} has no line for the CPUs of the loop")),
@@ -96,26 +96,26 @@ pub(crate) fn steal(machine: &Machine, need: &Need, before: &Snapshot, after: &S
     };
     let host = if machine.is_virtual() { "virtual machine" } else { "no hypervisor to be seen" };
     if share <= 0.0 {
-        return Finding::ok(STEAL, format!("none during the run ({host})"));
+        return CheckResult::ok(STEAL, format!("none during the run ({host})"));
     }
     let value = format!("{:.2} % of CPU {cpu} during the run ({host})", 100.0 * share);
     let fix = "run on the hardware itself, or give the virtual machine CPUs of its own (on the host, for \
                example `virsh \
                vcpupin DOMAIN 0 2` and `isolcpus=2`)";
-    if share > 0.01 { Finding::bad(STEAL, value, fix) } else { Finding::warning(STEAL, value, fix) }
+    if share > 0.01 { CheckResult::bad(STEAL, value, fix) } else { CheckResult::warning(STEAL, value, fix) }
 }
 
 /// Device interrupts where the loop runs.
 pub(crate) fn irqs(
-    machine: &Machine,
+    machine: &KernelFiles,
     need: &Need,
     before: &Snapshot,
     after: &Snapshot,
     seconds: f64,
-) -> Finding {
+) -> CheckResult {
     let (before, after) = match (&before.interrupts, &after.interrupts) {
         (Ok(before), Ok(after)) => (before, after),
-        (Err(silent), _) | (_, Err(silent)) => return Finding::unseen(IRQS, INTERRUPTS, silent.clone()),
+        (Err(silent), _) | (_, Err(silent)) => return CheckResult::unseen(IRQS, INTERRUPTS, silent.clone()),
     };
     let mut here = Vec::new();
     let mut per_cpu: BTreeMap<u32, u64> = BTreeMap::new();
@@ -132,13 +132,13 @@ pub(crate) fn irqs(
     let rate = |count: u64| count as f64 / seconds.max(1e-3);
     let Some(cpu) = need.cpu else {
         let total: u64 = per_cpu.values().sum();
-        return Finding::ok(
+        return CheckResult::ok(
             IRQS,
             format!("the loop is not pinned; {:.0} device interrupts/s on all CPUs", rate(total)),
         );
     };
     if here.is_empty() {
-        return Finding::ok(IRQS, format!("no device interrupt on CPU {cpu} during the run"));
+        return CheckResult::ok(IRQS, format!("no device interrupt on CPU {cpu} during the run"));
     }
     here.sort_by_key(|(number, _, came)| (std::cmp::Reverse(*came), *number));
     let total: u64 = here.iter().map(|(_, _, came)| came).sum();
@@ -150,7 +150,7 @@ pub(crate) fn irqs(
         .take(3)
         .map(|(number, ..)| format!("`echo {elsewhere} | sudo tee /proc/irq/{number}/smp_affinity_list`"))
         .collect();
-    Finding::warning(
+    CheckResult::warning(
         IRQS,
         format!("{:.0} device interrupts/s on CPU {cpu}: {}", rate(total), shown.join(", ")),
         format!(
@@ -182,7 +182,7 @@ mod tests {
         .into()
     }
 
-    fn both(before: &MadeUp, after: &MadeUp, need: &Need) -> (Finding, Finding) {
+    fn both(before: &MadeUp, after: &MadeUp, need: &Need) -> (CheckResult, CheckResult) {
         let machine = after.machine();
         let (then, now) = (Snapshot::take(&before.machine()), Snapshot::take(&machine));
         (steal(&machine, need, &then, &now), irqs(&machine, need, &then, &now, 2.0))

@@ -15,7 +15,7 @@ const CPUS: u32 = 1 << 14;
 
 /// Where the kernel's files are.
 #[derive(Debug, Clone)]
-pub(crate) struct Machine {
+pub(crate) struct KernelFiles {
     root: PathBuf,
 }
 
@@ -28,8 +28,7 @@ pub(crate) enum Silent {
     Wrong(String),
 }
 
-impl Machine {
-    /// This machine.
+impl KernelFiles {
     pub(crate) fn here() -> Self {
         Self::below("/")
     }
@@ -129,10 +128,9 @@ pub(crate) fn listed(cpus: &[u32]) -> String {
     runs.iter().map(run).collect::<Vec<_>>().join(",")
 }
 
-/// A fake machine.
 #[cfg(test)]
 pub(crate) mod made_up {
-    use super::Machine;
+    use super::KernelFiles;
 
     /// A root with these files; dropped, it is gone.
     pub(crate) struct MadeUp(tempfile::TempDir);
@@ -152,8 +150,8 @@ pub(crate) mod made_up {
             std::fs::write(file, bytes).unwrap();
         }
 
-        pub(crate) fn machine(&self) -> Machine {
-            Machine::below(self.0.path())
+        pub(crate) fn machine(&self) -> KernelFiles {
+            KernelFiles::below(self.0.path())
         }
     }
 }

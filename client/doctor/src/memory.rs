@@ -7,25 +7,25 @@ use foretrace_client::Instance;
 use foretraced::memory::rehearse_reserve;
 use foretraced::rt::os::{self, Space};
 
-use crate::finding::Finding;
-use crate::machine::{Machine, Silent};
+use crate::finding::CheckResult;
+use crate::machine::{KernelFiles, Silent};
 
 const SHM: &str = "shared-memory";
 const MOUNTS: &str = "proc/self/mounts";
 const FOLDER: &str = "/dev/shm";
 
 /// Where the daemon's segments will be, and a trial of its reserve.
-pub(crate) fn shared(machine: &Machine, instance: &Instance) -> Finding {
+pub(crate) fn shared(machine: &KernelFiles, instance: &Instance) -> CheckResult {
     let reserved = rehearse_reserve(instance).map_err(|error| error.to_string());
     judged(kind(machine), os::space(Path::new(FOLDER)), reserved)
 }
 
 /// The file system mounted at /dev/shm; `None`: none is.
-fn kind(machine: &Machine) -> Result<Option<String>, Silent> {
+fn kind(machine: &KernelFiles) -> Result<Option<String>, Silent> {
     let text = machine.text(MOUNTS)?;
     let mut kinds = text.lines().filter_map(|line| {
         let mut words = line.split_whitespace().skip(1);
-        words.next().filter(|place| *place == FOLDER)?;
+        words.next().filter(|mount| *mount == FOLDER)?;
         words.next()
     });
     // The last one covers the others.
@@ -36,12 +36,12 @@ fn judged(
     kind: Result<Option<String>, Silent>,
     space: io::Result<Space>,
     reserved: Result<u64, String>,
-) -> Finding {
+) -> CheckResult {
     let mount =
         "`sudo mount -t tmpfs -o size=256m,mode=1777 tmpfs /dev/shm`, and the same as a line of /etc/fstab";
     let space = match space {
         Ok(space) => space,
-        Err(error) => return Finding::bad(SHM, format!("{FOLDER} cannot be asked: {error}"), mount),
+        Err(error) => return CheckResult::bad(SHM, format!("{FOLDER} cannot be asked: {error}"), mount),
     };
     let room = "`ls -lhS /dev/shm` and remove unused files, or `sudo mount -o remount,size=256m \
                 /dev/shm`; in a container: `docker run --shm-size=64m`";
@@ -53,30 +53,30 @@ fn judged(
             bytes / 1024
         ),
         // An unreserved segment gets its pages at first access; the process dies of SIGBUS if memory is full.
-        Err(error) => return Finding::bad(SHM, error, room),
+        Err(error) => return CheckResult::bad(SHM, error, room),
     };
     match kind {
         Ok(Some(kind)) if kind == "tmpfs" || kind == "ramfs" => {}
         Ok(Some(kind)) => {
-            return Finding::warning(
+            return CheckResult::warning(
                 SHM,
                 format!("{kind}, not tmpfs: a tick may wait for a disk; {value}"),
                 mount,
             );
         }
         Ok(None) => {
-            return Finding::warning(
+            return CheckResult::warning(
                 SHM,
                 format!("{FOLDER} is no mount of its own: a tick may wait for a disk; {value}"),
                 mount,
             );
         }
-        Err(silent) => return Finding::unseen(SHM, MOUNTS, silent),
+        Err(silent) => return CheckResult::unseen(SHM, MOUNTS, silent),
     }
     if space.free < 2 * foretrace_shm::SHARED_MEMORY_LIMIT_BYTES {
-        return Finding::warning(SHM, format!("{value}, but hardly more is left"), room);
+        return CheckResult::warning(SHM, format!("{value}, but hardly more is left"), room);
     }
-    Finding::ok(SHM, value)
+    CheckResult::ok(SHM, value)
 }
 
 #[cfg(test)]
@@ -126,7 +126,7 @@ mod tests {
     fn this_machine_is_judged() {
         let folder = tempfile::tempdir_in("/tmp").unwrap();
         let instance = Instance::at(8, folder.path().join("i")).unwrap();
-        let found = shared(&Machine::here(), &instance);
+        let found = shared(&KernelFiles::here(), &instance);
         assert_eq!(found.ok, found.fix.is_empty(), "{found:?}");
     }
 }

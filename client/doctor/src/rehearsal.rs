@@ -11,9 +11,9 @@ use foretraced::rt::os::{Missing, Right};
 use foretraced::rt::rehearsal::{Rehearsal, rehearse};
 use serde::Serialize;
 
-use crate::DoctorError;
-use crate::finding::{Finding, Need};
-use foretrace_sim::spread::{Bucket, Quantiles, Spread};
+use crate::finding::{CheckResult, Need};
+use foretrace_failure::Failure;
+use foretrace_sim::spread::{Bucket, DurationHistogram, Quantiles};
 
 const THREAD: &str = "rt-thread";
 const LATENESS: &str = "wake-up-lateness";
@@ -44,7 +44,7 @@ pub struct Lateness {
 
 /// The result of the rehearsal.
 #[derive(Debug)]
-pub(crate) struct Shown {
+pub(crate) struct RehearsalResult {
     pub(crate) lateness: Lateness,
     pub(crate) missing: Vec<Missing>,
 }
@@ -55,30 +55,30 @@ pub(crate) fn run(
     restraint: Option<&Restraint>,
     seconds: f64,
     interrupted: &dyn Fn() -> bool,
-) -> Result<Shown, DoctorError> {
+) -> Result<RehearsalResult, Failure> {
     let rights = if restraint.is_none() { Rights::Ask } else { Rights::Leave };
     let lock = rights == Rights::Ask && settings.control_loop.lock_memory;
     let quit = Arc::new(AtomicBool::new(false));
     let thread = rehearse(rights.rt_settings(settings), lock, seconds, quit.clone()).map_err(|error| {
-        DoctorError::failed(format_args!("the rehearsal cannot start: {error}"), "free some memory")
+        Failure::failed(format_args!("the rehearsal cannot start: {error}"), "free some memory")
     })?;
     while !thread.is_finished() {
         if interrupted() {
             quit.store(true, Ordering::Release);
             let _ = thread.join();
-            return Err(DoctorError::Interrupted);
+            return Err(Failure::interrupted("interrupted", ""));
         }
         std::thread::sleep(Duration::from_millis(20));
     }
     let rehearsal =
-        thread.join().map_err(|_| DoctorError::failed("the rehearsal ended by a fault", "report it"))?;
+        thread.join().map_err(|_| Failure::failed("the rehearsal ended by a fault", "report it"))?;
     Ok(shown(rehearsal))
 }
 
-fn shown(rehearsal: Rehearsal) -> Shown {
+fn shown(rehearsal: Rehearsal) -> RehearsalResult {
     let Rehearsal { lateness, missed, page_faults, allocations: _, missing } = rehearsal;
     let ticks = lateness.len();
-    let spread = Spread::from(lateness);
+    let spread = DurationHistogram::from(lateness);
     let lateness = Lateness {
         ticks,
         missed,
@@ -86,22 +86,22 @@ fn shown(rehearsal: Rehearsal) -> Shown {
         histogram: spread.doublings(),
         page_faults: page_faults.0 + page_faults.1,
     };
-    Shown { lateness, missing }
+    RehearsalResult { lateness, missing }
 }
 
 /// Whether a thread got what the loop will ask for.
-pub(crate) fn thread(need: &Need, restraint: Option<&Restraint>, missing: &[Missing]) -> Finding {
-    let place = need.cpu.map_or_else(|| "any CPU".to_owned(), |cpu| format!("CPU {cpu}"));
+pub(crate) fn thread(need: &Need, restraint: Option<&Restraint>, missing: &[Missing]) -> CheckResult {
+    let on = need.cpu.map_or_else(|| "any CPU".to_owned(), |cpu| format!("CPU {cpu}"));
     match restraint {
         Some(Restraint::Asked) => {
-            return Finding::bad(
+            return CheckResult::bad(
                 THREAD,
                 "not tried (--no-rights)",
                 "run `foretrace doctor` without --no-rights",
             );
         }
         Some(Restraint::Daemon(number, pid)) => {
-            return Finding::skipped(
+            return CheckResult::skipped(
                 THREAD,
                 format!(
                     "not tried: a daemon runs (instance {number}, process {pid}), and would be disturbed"
@@ -117,15 +117,18 @@ pub(crate) fn thread(need: &Need, restraint: Option<&Restraint>, missing: &[Miss
     let relevant: Vec<&Missing> =
         missing.iter().filter(|missing| missing.right != Right::MemoryLock).collect();
     if relevant.is_empty() {
-        return Finding::ok(THREAD, format!("SCHED_FIFO {} on {place}, as the settings want", need.priority));
+        return CheckResult::ok(
+            THREAD,
+            format!("SCHED_FIFO {} on {on}, as the settings want", need.priority),
+        );
     }
     let names: Vec<&str> = relevant.iter().map(|missing| named(missing.right)).collect();
     let fixes: Vec<&str> = relevant.iter().map(|missing| missing.text.as_str()).collect();
     let value = format!("refused: {}", names.join(", "));
     if relevant.iter().all(|missing| missing.right == Right::TimerSlack) {
-        Finding::warning(THREAD, value, fixes.join("; "))
+        CheckResult::warning(THREAD, value, fixes.join("; "))
     } else {
-        Finding::bad(THREAD, value, fixes.join("; "))
+        CheckResult::bad(THREAD, value, fixes.join("; "))
     }
 }
 
@@ -140,8 +143,8 @@ const fn named(right: Right) -> &'static str {
 }
 
 /// What a tick of these settings costs against the period, as the daemon measures it when it starts.
-pub(crate) fn law(config: &Config) -> Result<Finding, DoctorError> {
-    let cost = rehearse_law(config).map_err(|error| DoctorError::failed(error, ""))?;
+pub(crate) fn law(config: &Config) -> Result<CheckResult, Failure> {
+    let cost = rehearse_law(config).map_err(|error| Failure::failed(error, ""))?;
     let us = |ns: u64| ns as f64 / 1000.0;
     let value = format!(
         "p50 {:.0}, p99 {:.0} us of {:.0} ({} ticks, processor time)",
@@ -151,14 +154,14 @@ pub(crate) fn law(config: &Config) -> Result<Finding, DoctorError> {
         cost.ticks
     );
     Ok(match cost.complaint(config) {
-        None => Finding::ok(LAW, value),
-        Some(complaint) => Finding::bad(LAW, value, complaint),
+        None => CheckResult::ok(LAW, value),
+        Some(complaint) => CheckResult::bad(LAW, value, complaint),
     })
 }
 
 /// Lateness against the period. A late start shortens the time for the tick's work; a missed period is a
 /// missing command.
-pub(crate) fn lateness(need: &Need, seen: &Lateness, beside_a_daemon: bool) -> Finding {
+pub(crate) fn lateness(need: &Need, seen: &Lateness, beside_a_daemon: bool) -> CheckResult {
     let Quantiles { p50, p99, p99_9, max } = seen.quantiles;
     let period = need.period_us as f64;
     let value = format!(
@@ -177,19 +180,19 @@ pub(crate) fn lateness(need: &Need, seen: &Lateness, beside_a_daemon: bool) -> F
         (need.rate_hz / 2).max(125)
     );
     if seen.ticks == 0 {
-        return Finding::bad(LATENESS, "no tick came at all", fix);
+        return CheckResult::bad(LATENESS, "no tick came at all", fix);
     }
     if seen.missed > 0 || p99_9 > period / 4.0 {
         // Without the priority that the daemon beside it has, this says little of the loop.
         if beside_a_daemon {
             let value = format!("{value}, without real-time priority beside the daemon");
-            return Finding::skipped(LATENESS, value, "stop the daemon and run again");
+            return CheckResult::skipped(LATENESS, value, "stop the daemon and run again");
         }
-        Finding::bad(LATENESS, value, fix)
+        CheckResult::bad(LATENESS, value, fix)
     } else if max > period / 4.0 || p99 > period / 10.0 {
-        Finding::warning(LATENESS, value, fix)
+        CheckResult::warning(LATENESS, value, fix)
     } else {
-        Finding::ok(LATENESS, value)
+        CheckResult::ok(LATENESS, value)
     }
 }
 

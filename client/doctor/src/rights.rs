@@ -2,8 +2,8 @@
 
 use foretraced::rt::os::{self, Missing, Right};
 
-use crate::finding::{Finding, Need};
-use crate::machine::{Machine, Silent, garbage};
+use crate::finding::{CheckResult, Need};
+use crate::machine::{KernelFiles, Silent, garbage};
 
 const PRIORITY: &str = "rt-priority";
 const MEMORY: &str = "memory-lock";
@@ -19,50 +19,50 @@ const CAP_SYS_NICE: u32 = 23;
 const DAEMON_MAPS_BYTES: u64 = 512 << 20;
 
 /// SCHED_FIFO: RLIMIT_RTPRIO or CAP_SYS_NICE.
-pub(crate) fn priority(machine: &Machine, need: &Need) -> Finding {
+pub(crate) fn priority(machine: &KernelFiles, need: &Need) -> CheckResult {
     let capable = capable(machine, CAP_SYS_NICE);
     if capable == Ok(true) {
-        return Finding::ok(PRIORITY, format!("any (CAP_SYS_NICE); the settings want {}", need.priority));
+        return CheckResult::ok(PRIORITY, format!("any (CAP_SYS_NICE); the settings want {}", need.priority));
     }
     let limit = match limit(machine, "Max realtime priority") {
         Ok(limit) => limit,
-        Err(silent) => return Finding::unseen(PRIORITY, LIMITS, silent),
+        Err(silent) => return CheckResult::unseen(PRIORITY, LIMITS, silent),
     };
     let shown = limit.map_or_else(|| "unlimited".to_owned(), |limit| limit.to_string());
     let value = format!("RLIMIT_RTPRIO {shown}, no CAP_SYS_NICE; the settings want {}", need.priority);
     if limit.is_none_or(|limit| limit >= u64::from(need.priority)) {
-        return Finding::ok(PRIORITY, value);
+        return CheckResult::ok(PRIORITY, value);
     }
-    Finding::bad(PRIORITY, value, format!("{}; {IN_A_CONTAINER}", os::fifo_remedy(need.priority)))
+    CheckResult::bad(PRIORITY, value, format!("{}; {IN_A_CONTAINER}", os::fifo_remedy(need.priority)))
 }
 
 const IN_A_CONTAINER: &str =
     "in a container: `docker run --cap-add=SYS_NICE --ulimit rtprio=99 --ulimit memlock=-1`";
 
 /// Memory that stays: RLIMIT_MEMLOCK or CAP_IPC_LOCK, unless the trial showed otherwise.
-pub(crate) fn memory(machine: &Machine, need: &Need, missing: &[Missing]) -> Finding {
+pub(crate) fn memory(machine: &KernelFiles, need: &Need, missing: &[Missing]) -> CheckResult {
     let listed = listed(machine, need);
     match missing.iter().find(|missing| missing.right == Right::MemoryLock) {
         Some(refused) if listed.ok => {
-            Finding::bad(MEMORY, format!("refused, although {}", listed.value), &refused.text)
+            CheckResult::bad(MEMORY, format!("refused, although {}", listed.value), &refused.text)
         }
         _ => listed,
     }
 }
 
-fn listed(machine: &Machine, need: &Need) -> Finding {
+fn listed(machine: &KernelFiles, need: &Need) -> CheckResult {
     if !need.lock_memory {
-        return Finding::warning(
+        return CheckResult::warning(
             MEMORY,
             "off in the settings: a tick may wait for a page",
             "set loop.lock_memory = true in the settings file",
         );
     }
     if capable(machine, CAP_IPC_LOCK) == Ok(true) {
-        return Finding::ok(MEMORY, "unlimited (CAP_IPC_LOCK)");
+        return CheckResult::ok(MEMORY, "unlimited (CAP_IPC_LOCK)");
     }
     match limit(machine, "Max locked memory") {
-        Ok(None) => Finding::ok(MEMORY, "unlimited"),
+        Ok(None) => CheckResult::ok(MEMORY, "unlimited"),
         Ok(Some(bytes)) => {
             let value = format!(
                 "RLIMIT_MEMLOCK {} KiB, no CAP_IPC_LOCK; the daemon maps up to {} KiB",
@@ -70,17 +70,17 @@ fn listed(machine: &Machine, need: &Need) -> Finding {
                 DAEMON_MAPS_BYTES / 1024
             );
             if bytes >= DAEMON_MAPS_BYTES {
-                Finding::ok(MEMORY, value)
+                CheckResult::ok(MEMORY, value)
             } else {
-                Finding::bad(MEMORY, value, format!("{}; {IN_A_CONTAINER}", os::lock_remedy()))
+                CheckResult::bad(MEMORY, value, format!("{}; {IN_A_CONTAINER}", os::lock_remedy()))
             }
         }
-        Err(silent) => Finding::unseen(MEMORY, LIMITS, silent),
+        Err(silent) => CheckResult::unseen(MEMORY, LIMITS, silent),
     }
 }
 
 /// The soft limit of this process called `name`; `None` = unlimited.
-fn limit(machine: &Machine, name: &str) -> Result<Option<u64>, Silent> {
+fn limit(machine: &KernelFiles, name: &str) -> Result<Option<u64>, Silent> {
     let text = machine.text(LIMITS)?;
     let line = text.lines().find_map(|line| line.strip_prefix(name));
     let soft = line.and_then(|rest| rest.split_whitespace().next());
@@ -92,7 +92,7 @@ fn limit(machine: &Machine, name: &str) -> Result<Option<u64>, Silent> {
 }
 
 /// Whether this process has an effective capability.
-fn capable(machine: &Machine, bit: u32) -> Result<bool, Silent> {
+fn capable(machine: &KernelFiles, bit: u32) -> Result<bool, Silent> {
     let text = machine.text(STATUS)?;
     let Some(mask) = text.lines().find_map(|line| line.strip_prefix("CapEff:")) else {
         return Err(Silent::Wrong(format!("/{STATUS} has no line `CapEff`")));
@@ -118,7 +118,7 @@ mod tests {
         MadeUp::new(&[(LIMITS, limits.as_bytes()), (STATUS, status.as_bytes())])
     }
 
-    fn judged(priority_limit: &str, memory_limit: &str, capabilities: &str) -> (Finding, Finding) {
+    fn judged(priority_limit: &str, memory_limit: &str, capabilities: &str) -> (CheckResult, CheckResult) {
         let made = made(priority_limit, memory_limit, capabilities);
         let machine = made.machine();
         (priority(&machine, &Need::USUAL), memory(&machine, &Need::USUAL, &[]))

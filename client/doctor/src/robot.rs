@@ -6,22 +6,23 @@
 use std::time::Duration;
 
 use foretrace_config::Config;
+use foretrace_failure::Failure;
 use foretrace_ur::bridge::address::Addresses;
 use foretrace_ur::bridge::examine::{self, Grade, Timing};
 use foretrace_ur::bridge::kinematics::Deviation;
 use serde::Serialize;
 
-use crate::finding::{Finding, Level};
-use crate::{DoctorError, Verdict, lines, names, verdict};
+use crate::finding::{CheckResult, Level};
+use crate::{Fitness, lines, names, verdict};
 
 /// The result; keys are stable.
 #[derive(Debug, Serialize)]
 pub struct RobotReport {
-    pub verdict: Verdict,
+    pub verdict: Fitness,
     /// Name or address of the controller.
     pub host: String,
     pub settings: String,
-    pub checks: Vec<Finding>,
+    pub checks: Vec<CheckResult>,
     /// What was measured on the line; none where nothing came.
     pub timing: Option<Timing>,
     /// How far the tip is from where the settings' model believes it.
@@ -30,17 +31,15 @@ pub struct RobotReport {
 
 impl RobotReport {
     /// One line per check, then the verdict.
-    #[must_use]
     pub fn lines(&self) -> Vec<String> {
         let verdict = match self.verdict {
-            Verdict::Fit => "\nready for `foretrace arm ur`".to_owned(),
-            Verdict::Unfit => format!("\nNOT READY: {}", self.bad()),
+            Fitness::Fit => "\nready for `foretrace arm ur`".to_owned(),
+            Fitness::Unfit => format!("\nNOT READY: {}", self.bad()),
         };
         lines(&self.checks).into_iter().chain([verdict]).collect()
     }
 
     /// The names of all bad findings.
-    #[must_use]
     pub fn bad(&self) -> String {
         names(&self.checks, Level::Bad)
     }
@@ -57,13 +56,13 @@ pub fn examine_robot(
     config: &Config,
     lasts: Duration,
     interrupted: &dyn Fn() -> bool,
-) -> Result<RobotReport, DoctorError> {
+) -> Result<RobotReport, Failure> {
     let facts = examine::gather(addresses, config, lasts, &interrupted);
     if interrupted() {
-        return Err(DoctorError::Interrupted);
+        return Err(Failure::interrupted("interrupted", ""));
     }
     let findings = examine::judge(&facts, config.settings(), config.robot().limits.position());
-    let checks: Vec<Finding> = findings.into_iter().map(Finding::from).collect();
+    let checks: Vec<CheckResult> = findings.into_iter().map(CheckResult::from).collect();
     Ok(RobotReport {
         verdict: verdict(&checks),
         host: host.to_owned(),
@@ -74,7 +73,7 @@ pub fn examine_robot(
     })
 }
 
-impl From<examine::Finding> for Finding {
+impl From<examine::Finding> for CheckResult {
     fn from(found: examine::Finding) -> Self {
         let level = match found.grade {
             Grade::Good => Level::Ok,

@@ -2,17 +2,17 @@
 
 use foretrace_config::Config;
 
-use crate::finding::Finding;
+use crate::finding::CheckResult;
 
 const NAME: &str = "torque";
 
 /// Never makes a machine unfit: it is about the arm.
-pub(crate) fn judge(config: &Config) -> Finding {
+pub(crate) fn judge(config: &Config) -> CheckResult {
     let room = match config.headroom() {
         Ok(room) => room,
         Err(error) => {
             let fix = "give the links of robot.urdf their <inertial>, or know that nobody checks this";
-            return Finding::warning(NAME, format!("not known: {error}"), fix);
+            return CheckResult::warning(NAME, format!("not known: {error}"), fix);
         }
     };
     let least = room.joints.iter().map(|joint| format!("{:.0}", joint.alone[0]));
@@ -24,13 +24,13 @@ pub(crate) fn judge(config: &Config) -> Finding {
         room.poses
     );
     let exceeded = room.exceeded();
-    if exceeded.iter().any(|told| told.serious) {
-        let all: Vec<String> = exceeded.into_iter().map(|told| told.text).collect();
-        return Finding::warning(NAME, value, all.join("; "));
+    if exceeded.iter().any(|excess| excess.serious) {
+        let all: Vec<String> = exceeded.into_iter().map(|excess| excess.text).collect();
+        return CheckResult::warning(NAME, value, all.join("; "));
     }
     // What the shipped settings ask beyond this at the far edge is no reason to change them.
-    let notes: String = exceeded.iter().map(|told| format!("; {}", told.text)).collect();
-    Finding::ok(NAME, value + &notes)
+    let notes: String = exceeded.iter().map(|excess| format!("; {}", excess.text)).collect();
+    CheckResult::ok(NAME, value + &notes)
 }
 
 #[cfg(test)]

@@ -17,7 +17,7 @@ pub(crate) const SPARSE: &str =
 
 /// When the client came, and when its newest samples passed.
 #[derive(Debug)]
-pub(crate) struct Holder {
+pub(crate) struct SlotHolder {
     since: Instant,
     last: Instant,
     /// The newest [`LEAST`], as a ring.
@@ -25,7 +25,7 @@ pub(crate) struct Holder {
     next: usize,
 }
 
-impl Holder {
+impl SlotHolder {
     /// A client that came `now`.
     pub(crate) fn new(now: Instant) -> Self {
         Self { since: now, last: now, passed: [None; LEAST], next: 0 }
@@ -62,7 +62,7 @@ mod tests {
 
     fn after(gap_ms: u64, samples: u64) -> Option<&'static str> {
         let begin = Instant::now();
-        let mut holder = Holder::new(begin);
+        let mut holder = SlotHolder::new(begin);
         for index in 1..=samples {
             holder.pass(begin + Duration::from_millis(gap_ms * index));
         }
@@ -87,7 +87,7 @@ mod tests {
     #[test]
     fn a_pen_that_was_away_for_a_moment_keeps_its_place_and_one_that_is_silent_does_not() {
         let begin = Instant::now();
-        let mut holder = Holder::new(begin);
+        let mut holder = SlotHolder::new(begin);
         for index in 0..2000 {
             holder.pass(begin + Duration::from_millis(5 * index));
         }

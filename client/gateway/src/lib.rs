@@ -16,5 +16,5 @@ mod tally;
 mod serve;
 
 pub use serve::{Delivery, Gateway, Policy};
-pub use socket::{Socket, SocketError};
-pub use tally::{Counts, Samples, Tally};
+pub use socket::GatewaySocket;
+pub use tally::{GatewayTally, RefusalCounts, Samples};

@@ -9,13 +9,13 @@ use std::os::unix::net::UnixStream;
 use std::time::{Duration, Instant};
 
 use foretrace_serve::admission::Admission;
-use foretrace_serve::frames::{Frames, Over};
+use foretrace_serve::frames::{FrameBuffer, Over};
 use foretrace_shm::gateway::{BODY_BYTES, Frame, FrameError, WELCOME};
 use foretrace_shm::{PenSample, peer_user};
 
-use crate::holder::Holder;
-use crate::socket::Socket;
-use crate::tally::{Samples, Tally};
+use crate::holder::SlotHolder;
+use crate::socket::GatewaySocket;
+use crate::tally::{GatewayTally, Samples};
 
 /// Longest wait for bytes of the client, and so between two looks at new connections.
 const WAIT: Duration = Duration::from_millis(20);
@@ -26,7 +26,6 @@ const CHUNK: usize = 4096;
 /// Connections that are answered in one round.
 const MOST_ACCEPTED: usize = 16;
 
-/// The gateway's limits.
 #[derive(Debug, Clone)]
 pub struct Policy {
     /// Users that may come in.
@@ -50,39 +49,38 @@ pub enum Delivery {
     Failed,
 }
 
-/// The connected client.
 #[derive(Debug)]
-struct Client {
+struct GatewayClient {
     stream: UnixStream,
     user: u32,
-    frames: Frames,
+    frames: FrameBuffer,
     /// Since when a frame is not whole.
     half_since: Option<Instant>,
-    holder: Holder,
+    holder: SlotHolder,
     samples: Samples,
 }
 
 /// The gateway; `Deliver` takes every sample that passes.
 #[derive(Debug)]
 pub struct Gateway<Deliver> {
-    socket: Socket,
+    socket: GatewaySocket,
     policy: Policy,
     admission: Admission,
-    client: Option<Client>,
-    tally: Tally,
+    client: Option<GatewayClient>,
+    tally: GatewayTally,
     deliver: Deliver,
     now_ns: fn() -> u64,
 }
 
 impl<Deliver: FnMut(PenSample) -> Delivery> Gateway<Deliver> {
     /// A gateway behind `socket`; `now_ns`: the monotonic clock.
-    pub fn new(socket: Socket, policy: Policy, deliver: Deliver, now_ns: fn() -> u64) -> Self {
+    pub fn new(socket: GatewaySocket, policy: Policy, deliver: Deliver, now_ns: fn() -> u64) -> Self {
         let admission = Admission::new(policy.rate, policy.burst, now_ns());
-        Self { socket, policy, admission, client: None, tally: Tally::default(), deliver, now_ns }
+        Self { socket, policy, admission, client: None, tally: GatewayTally::default(), deliver, now_ns }
     }
 
     /// What came and went so far.
-    pub fn tally(&self) -> &Tally {
+    pub fn tally(&self) -> &GatewayTally {
         &self.tally
     }
 
@@ -114,7 +112,7 @@ impl<Deliver: FnMut(PenSample) -> Delivery> Gateway<Deliver> {
     }
 
     /// Ends the connection and gives the last counts.
-    pub fn close(mut self) -> Tally {
+    pub fn close(mut self) -> GatewayTally {
         if let Some(client) = self.client.take() {
             self.end(client, "the gateway ends");
         }
@@ -134,12 +132,12 @@ impl<Deliver: FnMut(PenSample) -> Delivery> Gateway<Deliver> {
         match (refusal, user) {
             (None, Ok(user)) if say(&mut stream, WELCOME).is_ok() => {
                 self.tally.clients = self.tally.clients.saturating_add(1);
-                self.client = Some(Client {
+                self.client = Some(GatewayClient {
                     stream,
                     user,
-                    frames: Frames::new(BODY_BYTES..=BODY_BYTES),
+                    frames: FrameBuffer::new(BODY_BYTES..=BODY_BYTES),
                     half_since: None,
-                    holder: Holder::new(Instant::now()),
+                    holder: SlotHolder::new(Instant::now()),
                     samples: Samples::default(),
                 });
             }
@@ -169,7 +167,7 @@ impl<Deliver: FnMut(PenSample) -> Delivery> Gateway<Deliver> {
     }
 
     /// Takes what the client has sent; a reason when the connection is over.
-    fn hear(&mut self, client: &mut Client) -> Option<&'static str> {
+    fn hear(&mut self, client: &mut GatewayClient) -> Option<&'static str> {
         match client.frames.read_once(&mut client.stream, CHUNK) {
             Ok(_) => {}
             Err(Over::Ended) if client.frames.pending() > 0 => return Some("ended inside a frame"),
@@ -205,7 +203,7 @@ impl<Deliver: FnMut(PenSample) -> Delivery> Gateway<Deliver> {
     }
 
     /// Judges one sample and passes it on.
-    fn take(&mut self, client: &mut Client, sample: PenSample) {
+    fn take(&mut self, client: &mut GatewayClient, sample: PenSample) {
         let both = [&mut client.samples, &mut self.tally.samples];
         if let Err(refusal) = self.admission.judge(&sample, (self.now_ns)()) {
             both.into_iter().for_each(|samples| samples.refused.count(refusal.label()));
@@ -225,7 +223,7 @@ impl<Deliver: FnMut(PenSample) -> Delivery> Gateway<Deliver> {
         }
     }
 
-    fn end(&mut self, mut client: Client, reason: &'static str) {
+    fn end(&mut self, mut client: GatewayClient, reason: &'static str) {
         self.tally.ended.count(reason);
         // It may be gone, or not reading.
         let _ = say(&mut client.stream, &format!("foretrace-gateway 1 closed: {reason}; {}", client.samples));

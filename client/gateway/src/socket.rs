@@ -10,32 +10,27 @@ use std::os::unix::fs::{FileTypeExt, MetadataExt, PermissionsExt, chown};
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
 
+use foretrace_failure::Failure;
+
 /// A socket that clients can connect to. Dropping it removes its file.
 #[derive(Debug)]
-pub struct Socket {
+pub struct GatewaySocket {
     listener: UnixListener,
     path: PathBuf,
     identity: (u64, u64),
 }
 
-/// Why there is no socket.
-#[derive(Debug)]
-pub struct SocketError {
-    pub what: String,
-    pub remedy: &'static str,
+fn wrong(path: &Path, what: impl std::fmt::Display, remedy: &'static str) -> Failure {
+    Failure::bad_input(format_args!("--socket {}: {what}", path.display()), remedy)
 }
 
-fn wrong(path: &Path, what: impl std::fmt::Display, remedy: &'static str) -> SocketError {
-    SocketError { what: format!("--socket {}: {what}", path.display()), remedy }
-}
-
-impl Socket {
+impl GatewaySocket {
     /// Opens a socket at `path` with permission bits `mode`, and `group` where one is named.
     ///
     /// # Errors
     ///
     /// The folder is missing or open to others, the path is taken, or the system refuses.
-    pub fn open(path: &Path, mode: u32, group: Option<u32>) -> Result<Self, SocketError> {
+    pub fn open(path: &Path, mode: u32, group: Option<u32>) -> Result<Self, Failure> {
         let user = foretrace_shm::effective_user();
         let folder = match path.parent() {
             Some(parent) if !parent.as_os_str().is_empty() => parent,
@@ -97,7 +92,7 @@ impl Socket {
     }
 }
 
-impl Drop for Socket {
+impl Drop for GatewaySocket {
     fn drop(&mut self) {
         // Somebody may have put another one in its place.
         let ours = |found: &fs::Metadata| (found.dev(), found.ino()) == self.identity;
@@ -108,7 +103,7 @@ impl Drop for Socket {
 }
 
 /// Makes room: removes a socket of `user` without a listener.
-fn clear(path: &Path, user: u32) -> Result<(), SocketError> {
+fn clear(path: &Path, user: u32) -> Result<(), Failure> {
     let found = match fs::symlink_metadata(path) {
         Err(error) if error.kind() == ErrorKind::NotFound => return Ok(()),
         Err(error) => return Err(wrong(path, error, "choose another path for the socket")),
@@ -135,7 +130,7 @@ fn clear(path: &Path, user: u32) -> Result<(), SocketError> {
 mod tests {
     use super::*;
 
-    fn what(result: Result<Socket, SocketError>) -> String {
+    fn what(result: Result<GatewaySocket, Failure>) -> String {
         result.unwrap_err().what
     }
 
@@ -143,9 +138,9 @@ mod tests {
     fn the_socket_has_its_mode_and_goes_with_its_gateway() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("pen");
-        let socket = Socket::open(&path, 0o660, None).unwrap();
+        let socket = GatewaySocket::open(&path, 0o660, None).unwrap();
         assert_eq!(fs::metadata(&path).unwrap().mode() & 0o7777, 0o660);
-        assert!(what(Socket::open(&path, 0o660, None)).contains("another gateway listens"));
+        assert!(what(GatewaySocket::open(&path, 0o660, None)).contains("another gateway listens"));
         drop(socket);
         assert!(!path.exists());
     }
@@ -156,15 +151,15 @@ mod tests {
         let path = folder.path().join("pen");
         drop(UnixListener::bind(&path).unwrap());
         assert!(path.exists());
-        drop(Socket::open(&path, 0o600, None).unwrap());
+        drop(GatewaySocket::open(&path, 0o600, None).unwrap());
         fs::write(&path, "precious").unwrap();
-        assert!(what(Socket::open(&path, 0o600, None)).contains("no socket"));
+        assert!(what(GatewaySocket::open(&path, 0o600, None)).contains("no socket"));
         assert_eq!(fs::read_to_string(&path).unwrap(), "precious");
         fs::remove_file(&path).unwrap();
         std::os::unix::fs::symlink("/etc/passwd", &path).unwrap();
-        assert!(what(Socket::open(&path, 0o600, None)).contains("no socket"));
+        assert!(what(GatewaySocket::open(&path, 0o600, None)).contains("no socket"));
         let long = folder.path().join("x".repeat(200));
-        assert!(what(Socket::open(&long, 0o600, None)).contains("--socket"));
+        assert!(what(GatewaySocket::open(&long, 0o600, None)).contains("--socket"));
     }
 
     #[test]
@@ -173,18 +168,20 @@ mod tests {
         let open = folder.path().join("open");
         fs::create_dir(&open).unwrap();
         fs::set_permissions(&open, fs::Permissions::from_mode(0o777)).unwrap();
-        assert!(what(Socket::open(&open.join("pen"), 0o600, None)).contains("mode 777"));
+        assert!(what(GatewaySocket::open(&open.join("pen"), 0o600, None)).contains("mode 777"));
         // As /tmp: only the owner of a file may replace it.
         fs::set_permissions(&open, fs::Permissions::from_mode(0o1777)).unwrap();
-        drop(Socket::open(&open.join("pen"), 0o600, None).unwrap());
-        assert!(what(Socket::open(&folder.path().join("no/pen"), 0o600, None)).contains("No such file"));
+        drop(GatewaySocket::open(&open.join("pen"), 0o600, None).unwrap());
+        assert!(
+            what(GatewaySocket::open(&folder.path().join("no/pen"), 0o600, None)).contains("No such file")
+        );
     }
 
     #[test]
     fn a_socket_put_in_its_place_is_left_alone() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("pen");
-        let socket = Socket::open(&path, 0o600, None).unwrap();
+        let socket = GatewaySocket::open(&path, 0o600, None).unwrap();
         fs::remove_file(&path).unwrap();
         let _other = UnixListener::bind(&path).unwrap();
         drop(socket);

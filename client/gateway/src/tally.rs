@@ -8,9 +8,9 @@ use serde::Serialize;
 /// Counts by reason. The reasons are words of this program, so there are few.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
 #[serde(transparent)]
-pub struct Counts(BTreeMap<&'static str, u64>);
+pub struct RefusalCounts(BTreeMap<&'static str, u64>);
 
-impl Counts {
+impl RefusalCounts {
     pub fn count(&mut self, reason: &'static str) {
         let counter = self.0.entry(reason).or_default();
         *counter = counter.saturating_add(1);
@@ -26,7 +26,7 @@ impl Counts {
     }
 }
 
-impl Display for Counts {
+impl Display for RefusalCounts {
     /// Nothing, or ` (reason count, reason count)`.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for (index, (reason, count)) in self.0.iter().enumerate() {
@@ -46,7 +46,7 @@ pub struct Samples {
     /// Sane, but the shared memory did not take them.
     pub failed: u64,
     /// Refused, by reason.
-    pub refused: Counts,
+    pub refused: RefusalCounts,
 }
 
 impl Display for Samples {
@@ -64,18 +64,17 @@ impl Display for Samples {
 
 /// Everything since the gateway opened; keys are stable.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
-pub struct Tally {
-    /// Clients let in.
+pub struct GatewayTally {
     pub clients: u64,
     /// Clients turned away, by reason.
-    pub turned_away: Counts,
+    pub turned_away: RefusalCounts,
     /// Ends of connections, by reason.
-    pub ended: Counts,
+    pub ended: RefusalCounts,
     /// Samples of all clients.
     pub samples: Samples,
 }
 
-impl Display for Tally {
+impl Display for GatewayTally {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { clients, turned_away, ended, samples } = self;
         write!(f, "{clients} clients let in, {} turned away{turned_away}", turned_away.total())?;
@@ -89,7 +88,7 @@ mod tests {
 
     #[test]
     fn the_line_tells_every_count_with_its_reason_and_nothing_that_is_zero() {
-        let mut tally = Tally { clients: 2, ..Tally::default() };
+        let mut tally = GatewayTally { clients: 2, ..GatewayTally::default() };
         assert_eq!(
             tally.to_string(),
             "2 clients let in, 0 turned away, 0 ended; 0 samples passed on, 0 refused"

@@ -18,11 +18,11 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use foretrace_config::{Config, Draft};
+use foretrace_control::estimate::refine::Refiner;
+use foretrace_control::estimate::skill::{NewPreview, SKILL_LEADS, Skill};
 use foretrace_control::learn::{Leads, Learner, LearnerSettings};
 use foretrace_control::pen::{PenReading, PenTracker, Receipt};
 use foretrace_control::predict::Previewer;
-use foretrace_control::predict::refine::Refiner;
-use foretrace_control::skill::{Closed, Foreseen, Happened, SKILL_LEADS, Skill};
 use foretrace_control::units::Stamp;
 use foretrace_lab::baselines::{BaselineKind, BaselineSettings, Limits, build};
 use foretrace_lab::closed_loop::{BenchArm, Hand, hands};
@@ -217,22 +217,19 @@ fn write(hand: &Hand, limit: usize, config: &Config, scored: &mut Scored) -> Fal
                 if learner.learn(&learn).hand_over {
                     previewer.set_weights(learner.weights())?;
                 }
-                closed.push(Closed { motion: learn.motion, position: step.position, unit_m: learn.scale_m });
+                closed.push(learn);
             }
-            let foreseen = preview.as_ref().filter(|_| std::mem::take(&mut made)).map(|(_, before, path)| {
+            if let Some((_, before, path)) = preview.as_ref().filter(|_| std::mem::take(&mut made)) {
                 let [base, path @ ..] = path;
-                Foreseen {
-                    base: *base,
-                    velocity: [base[0] - before[0], base[1] - before[1]],
-                    path,
-                    claim: None,
-                }
-            });
+                let velocity = [base[0] - before[0], base[1] - before[1]];
+                skill.record_preview(&NewPreview { base: *base, velocity, path, claim: None });
+            }
+            if let Some(refinement) = look.take() {
+                skill.record_refinement(&refiner, &refinement);
+            }
             // No arm, no limits: beginnings are trusted as with an arm that follows.
-            let (at_limit, driven_ns) = (Some(false), stamp.since(heard).unsigned_abs());
-            let happened =
-                Happened { preview: foreseen, look: look.take(), at_limit, driven_ns, closed: &closed };
-            skill.learn(&mut refiner, &happened);
+            skill.record_motion(false, stamp.since(heard).unsigned_abs());
+            skill.judge(&mut refiner, &closed);
             heard = stamp;
             let shifted = PathSample { t_s: time_s, ..*sample };
             let kalman: Vec<_> = filters.iter_mut().map(|filter| filter.target(time_s, &[shifted])).collect();
@@ -257,8 +254,8 @@ fn write(hand: &Hand, limit: usize, config: &Config, scored: &mut Scored) -> Fal
             if !(0.0..1.5).contains(&phase) {
                 continue;
             }
-            let said = refiner.hear(position, phase, parabola(*before, path[0], path[1], phase));
-            look = Some(said);
+            let filtered = refiner.refinement(position, phase, parabola(*before, path[0], path[1], phase));
+            look = Some(filtered);
             if index < WARM {
                 continue;
             }
@@ -267,7 +264,8 @@ fn write(hand: &Hand, limit: usize, config: &Config, scored: &mut Scored) -> Fal
                 let Some(real) = at(samples, sample.t_s + lead_s) else { continue };
                 let s = phase + lead_s / step_s;
                 let (index, part) = (s as usize, s.fract());
-                let believed = |index: usize| refiner.refined(&said, index, path[index], shares[index - 1]);
+                let believed =
+                    |index: usize| refiner.refined(&filtered, index, path[index], shares[index - 1]);
                 let corrected = if index == 0 {
                     between(position, believed(1), ((s - phase) / (1.0 - phase).max(0.02)).min(1.0))
                 } else {

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use foretrace_sim::plot::{Line, Mark, Panel, PlotError, panels};
+use foretrace_sim::plot::{ChartPanel, Line, Mark, PlotError, panels};
 
 /// What happened around a ramp of trust, per grid step.
 #[derive(Debug, Clone, Copy)]
@@ -27,9 +27,9 @@ pub fn trust_ramp(file: &Path, title: &str, subtitle: &str, data: Rampup<'_>) ->
     let (error, jerk, trust) =
         (line("error", &error_mm[..]), line("jerk", data.jerk_mps3), line("trust", data.trust));
     let stacked = [
-        Panel { y_label: "error [mm]", y_range: None, lines: &error },
-        Panel { y_label: "jerk [m/s³]", y_range: None, lines: &jerk },
-        Panel { y_label: "trust α", y_range: Some((0.0, 1.05)), lines: &trust },
+        ChartPanel { y_label: "error [mm]", y_range: None, lines: &error },
+        ChartPanel { y_label: "jerk [m/s³]", y_range: None, lines: &jerk },
+        ChartPanel { y_label: "trust α", y_range: Some((0.0, 1.05)), lines: &trust },
     ];
     panels(file, title, subtitle, "step", &stacked, Some(data.ramp))
 }

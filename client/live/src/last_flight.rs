@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
-use crate::flight::{Trigger, Written};
+use crate::flight::{FlightFile, Trigger};
 use foretrace_record::RecordError;
 
 /// Name of the note.
@@ -20,7 +20,6 @@ const LONGEST_NOTE: u64 = 8192;
 /// The newest file of a flight recorder.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct LastFlight {
-    /// The recording.
     pub recording: PathBuf,
     /// Why it was written.
     pub trigger: Trigger,
@@ -33,24 +32,24 @@ pub struct LastFlight {
 /// # Errors
 ///
 /// The folder cannot be written.
-pub fn note(root: &Path, written: &Written, unix_ns: u64) -> Result<(), RecordError> {
-    let place = root.join(NOTE);
+pub fn note(root: &Path, written: &FlightFile, unix_ns: u64) -> Result<(), RecordError> {
+    let path = root.join(NOTE);
     let recording = std::path::absolute(&written.recording).unwrap_or_else(|_| written.recording.clone());
     let words = format!("{unix_ns} {} {}", written.trigger.word(), recording.display());
-    foretrace_sim::whole::write(&place, |out| out.write_all(words.as_bytes()))
-        .map_err(|source| RecordError::Write { path: place, source })
+    foretrace_sim::whole::write(&path, |out| out.write_all(words.as_bytes()))
+        .map_err(|source| RecordError::Write { path, source })
 }
 
 /// The newest file that was noted in the instance's folder `root`; `None`: none, or the note is damaged.
 #[must_use]
 pub fn last(root: &Path) -> Option<LastFlight> {
-    let place = root.join(NOTE);
+    let path = root.join(NOTE);
     // A pipe would be waited for.
-    if !std::fs::symlink_metadata(&place).is_ok_and(|found| found.is_file()) {
+    if !std::fs::symlink_metadata(&path).is_ok_and(|found| found.is_file()) {
         return None;
     }
     let mut words = String::new();
-    std::fs::File::open(&place).ok()?.take(LONGEST_NOTE).read_to_string(&mut words).ok()?;
+    std::fs::File::open(&path).ok()?.take(LONGEST_NOTE).read_to_string(&mut words).ok()?;
     let mut parts = words.splitn(3, ' ');
     let unix_ns = parts.next()?.parse().ok()?;
     let trigger = parts.next().and_then(Trigger::from_word)?;
@@ -65,26 +64,26 @@ mod tests {
 
     #[test]
     fn the_newest_note_is_read_and_damaged_ones_are_none() {
-        let place = tempfile::TempDir::new().unwrap();
-        assert_eq!(last(place.path()), None);
-        let written = |name: &str, trigger| Written {
+        let folder = tempfile::TempDir::new().unwrap();
+        assert_eq!(last(folder.path()), None);
+        let written = |name: &str, trigger| FlightFile {
             recording: format!("/box of mine/{name}").into(),
             trace: PathBuf::new(),
             trigger,
             ticks: 1,
         };
-        note(place.path(), &written("1.mcap", Trigger::Stop), 5).unwrap();
-        note(place.path(), &written("2\n\u{1b}[2J.mcap", Trigger::PlanFailed), 7).unwrap();
-        let found = last(place.path()).unwrap();
+        note(folder.path(), &written("1.mcap", Trigger::Stop), 5).unwrap();
+        note(folder.path(), &written("2\n\u{1b}[2J.mcap", Trigger::PlanFailed), 7).unwrap();
+        let found = last(folder.path()).unwrap();
         assert_eq!((found.trigger, found.unix_ns), (Trigger::PlanFailed, 7));
         assert_eq!(found.recording, Path::new("/box of mine/2\u{fffd}\u{fffd}[2J.mcap"));
         for damaged in ["", "x", "7", "7 stop", "7 lunch /a", "-1 stop /a"] {
-            std::fs::write(place.path().join(NOTE), damaged).unwrap();
-            assert_eq!(last(place.path()), None, "{damaged:?}");
+            std::fs::write(folder.path().join(NOTE), damaged).unwrap();
+            assert_eq!(last(folder.path()), None, "{damaged:?}");
         }
-        std::fs::write(place.path().join(NOTE), [b'9', b' ', 0xff]).unwrap();
-        assert_eq!(last(place.path()), None);
-        std::fs::write(place.path().join(NOTE), vec![b'1'; 1 << 20]).unwrap();
-        assert_eq!(last(place.path()), None);
+        std::fs::write(folder.path().join(NOTE), [b'9', b' ', 0xff]).unwrap();
+        assert_eq!(last(folder.path()), None);
+        std::fs::write(folder.path().join(NOTE), vec![b'1'; 1 << 20]).unwrap();
+        assert_eq!(last(folder.path()), None);
     }
 }

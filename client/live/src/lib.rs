@@ -4,15 +4,18 @@
 //! had to be dropped is counted.
 //!
 //! Rooms, each of which uses only those before it: `source` (where everything comes from: shared memory, or a
-//! relay), `relay` (one reader for any number of them), `recorder` (into files), `trace`, `flight` (the last
+//! relay), `relay` (one reader for any number of them), `recorder` (into files), `record_button` (by
+//! a button, from another thread), `trace`, `flight` (the last
 //! seconds, when something happens), `last_flight`, `stages`, `metrics`, `foxglove`.
 
 #![forbid(unsafe_code)]
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 
 pub mod source;
+mod news;
 pub mod relay;
 pub mod recorder;
+pub mod record_button;
 mod trace;
 pub mod flight;
 pub mod last_flight;
@@ -33,7 +36,7 @@ pub enum LiveError {
     /// The daemon cannot be heard.
     #[error(transparent)]
     Service(#[from] foretrace_client::ServiceError),
-    /// Others hold all places.
+    /// Others hold all slots.
     #[error("{error}{}", if *direct {
         ", then start the relay again: programs that begin after it listen to it"
     } else {

@@ -6,9 +6,9 @@
 //! Source: Prometheus, "Exposition formats", "Metric and label naming".
 
 mod server;
-pub use server::{Board, serve};
+pub use server::{MetricsBoard, serve};
 
-use std::fmt::Write as _;
+use std::fmt::{Display, Write as _};
 
 use foretrace_shm::{
     Counters, FaultReason, LATENCY_BINS, Latency, Mode, REJECT_REASONS, RejectReason, Stage, Status,
@@ -33,6 +33,21 @@ fn gauge(text: &mut String, name: &str, help: &str, value: f64) {
     metric(text, name, "gauge", help, &[(String::new(), value)]);
 }
 
+fn counter(text: &mut String, name: &str, help: &str, value: u64) {
+    metric(text, &format!("{name}_total"), "counter", help, &[(String::new(), value as f64)]);
+}
+
+/// One sample for each of `all` under `label`: 1 for the one with the number `now`.
+fn one_of<T: Copy + Display + Into<u32>>(
+    text: &mut String,
+    (name, label, help): (&str, &str, &str),
+    all: &[T],
+    now: u32,
+) {
+    let sample = |one: &T| (format!("{{{label}=\"{one}\"}}"), f64::from(u8::from((*one).into() == now)));
+    metric(text, name, "gauge", help, &all.iter().map(sample).collect::<Vec<_>>());
+}
+
 /// NaN for what stands for unknown on the wire.
 fn known(value: f64) -> f64 {
     if value < 0.0 { f64::NAN } else { value }
@@ -51,13 +66,7 @@ pub fn text(status: Option<&Status>, stages: Option<&Stages>, now_ns: u64) -> St
     if let Some(stages) = stages {
         stages.write(&mut text);
         let help = "Tick records lost on their way to these metrics.";
-        metric(
-            &mut text,
-            "metrics_ticks_lost_total",
-            "counter",
-            help,
-            &[(String::new(), stages.lost as f64)],
-        );
+        counter(&mut text, "metrics_ticks_lost", help, stages.lost);
     }
     let Some(status) = status else { return text };
     let t = &mut text;
@@ -65,42 +74,26 @@ pub fn text(status: Option<&Status>, stages: Option<&Stages>, now_ns: u64) -> St
     gauge(t, "uptime_seconds", "Since the daemon started.", seconds(status.uptime_ns));
     gauge(t, "rate_hertz", "Ticks per second, measured over the last second.", status.measured_rate_hz);
     gauge(t, "rate_wanted_hertz", "Ticks per second, as set.", status.rate_hz);
-    let mode = Mode::ALL.iter().map(|mode| {
-        let here = f64::from(u8::from(u32::from(*mode) == status.mode));
-        (format!("{{mode=\"{mode}\"}}"), here)
-    });
-    metric(t, "mode", "gauge", "1 for the mode that the loop is in.", &mode.collect::<Vec<_>>());
-    let fault = FaultReason::ALL.iter().map(|reason| {
-        let here = f64::from(u8::from(u32::from(*reason) == status.fault));
-        (format!("{{reason=\"{reason}\"}}"), here)
-    });
-    metric(t, "stopped", "gauge", "1 for the reason of the latched stop.", &fault.collect::<Vec<_>>());
+    one_of(t, ("mode", "mode", "1 for the mode that the loop is in."), Mode::ALL, status.mode);
+    let stopped = ("stopped", "reason", "1 for the reason of the latched stop.");
+    one_of(t, stopped, FaultReason::ALL, status.fault);
     gauge(t, "trust", "Share of the preview that the plan follows.", status.trust);
     gauge(t, "trust_target", "Where trust is heading.", status.trust_target);
-    let reason = TrustReason::ALL.iter().map(|reason| {
-        let here = f64::from(u8::from(u32::from(*reason) == status.trust_reason));
-        (format!("{{reason=\"{reason}\"}}"), here)
-    });
-    metric(t, "trust_reason", "gauge", "1 for the reason of the trust.", &reason.collect::<Vec<_>>());
+    let reason = ("trust_reason", "reason", "1 for the reason of the trust.");
+    one_of(t, reason, TrustReason::ALL, status.trust_reason);
     gauge(t, "pen_age_seconds", "Age of the newest pen sample.", seconds(status.pen_age_ns));
     gauge(t, "joint_state_age_seconds", "Age of the newest joint state.", seconds(status.joint_state_age_ns));
     let lag = &status.arm_lag;
     let lag_s = if lag.is_known() { lag.lag_s } else { f64::NAN };
     gauge(t, "arm_lag_seconds", "The arm's measured lag.", lag_s);
     gauge(t, "dead_time_seconds", "The plan's dead time.", seconds(lag.dead_time_ns));
-    gauge(
-        t,
-        "error_metres",
-        "Distance of the tool from the pen, recent rms.",
-        known(status.tracking.recent_rms_m),
-    );
-    gauge(t, "ghost_error_metres", "The same with feedback only.", known(status.ghost.recent_rms_m));
-    gauge(
-        t,
-        "predictor_error_metres",
-        "One-step error of the predictor, recent rms.",
-        known(status.predictor_rms_m),
-    );
+    for (name, help, metres) in [
+        ("error", "Distance of the tool from the pen, recent rms.", status.tracking.recent_rms_m),
+        ("ghost_error", "The same with feedback only.", status.ghost.recent_rms_m),
+        ("predictor_error", "One-step error of the predictor, recent rms.", status.predictor_rms_m),
+    ] {
+        gauge(t, &format!("{name}_metres"), help, known(metres));
+    }
     gauge(t, "weights_age_seconds", "Age of the weights in use.", seconds(status.learner_age_ns));
     gauge(t, "allocations_per_tick", "Heap allocations per tick after warm-up.", status.allocations_per_tick);
 
@@ -115,13 +108,8 @@ pub fn text(status: Option<&Status>, stages: Option<&Stages>, now_ns: u64) -> St
             (format!("{{stage=\"{stage}\",quantile=\"{quantile}\"}}"), f64::from(ns) * 1e-9)
         })
     });
-    metric(
-        t,
-        "stage_seconds",
-        "summary",
-        "Cost of each stage of a tick since the start.",
-        &stages.collect::<Vec<_>>(),
-    );
+    let help = "Cost of each stage of a tick since the start.";
+    metric(t, "stage_seconds", "summary", help, &stages.collect::<Vec<_>>());
     for (name, help, latency) in [
         ("pen_to_command_seconds", "From a pen sample to the first command with it.", &status.pen_to_command),
         ("command_to_motion_seconds", "From a command to its motion.", &status.command_to_motion),
@@ -129,13 +117,10 @@ pub fn text(status: Option<&Status>, stages: Option<&Stages>, now_ns: u64) -> St
         histogram(t, name, help, latency);
     }
 
-    let mut counts = |name: &str, help: &str, value: u64| {
-        metric(t, &format!("{name}_total"), "counter", help, &[(String::new(), value as f64)]);
-    };
-    counts("learner_updates", "Grid steps learned from.", status.learner_updates);
-    counts("learner_promotions", "Sets of weights handed to the loop.", status.learner_promotions);
-    counts("learner_rollbacks", "Sets of weights rolled back.", status.learner_rollbacks);
-    counts("learner_refused", "Sets of weights not handed over.", status.learner_refused);
+    counter(t, "learner_updates", "Grid steps learned from.", status.learner_updates);
+    counter(t, "learner_promotions", "Sets of weights handed to the loop.", status.learner_promotions);
+    counter(t, "learner_rollbacks", "Sets of weights rolled back.", status.learner_rollbacks);
+    counter(t, "learner_refused", "Sets of weights not handed over.", status.learner_refused);
     counters(t, &status.counters);
     text
 }
@@ -160,17 +145,15 @@ fn counters(text: &mut String, counters: &Counters) {
     for field in Counters::FIELDS {
         let mut part = bytes.get(field.offset..field.offset + field.size).unwrap_or_default();
         let help = "See `Counters` of foretrace-shm.";
-        let name = format!("{}_total", field.name);
         if field.size == size_of::<u64>() {
-            let value = u64::get(&mut part).unwrap_or(0) as f64;
-            metric(text, &name, "counter", help, &[(String::new(), value)]);
+            counter(text, field.name, help, u64::get(&mut part).unwrap_or(0));
         } else {
             let by_reason = <[u64; REJECT_REASONS]>::get(&mut part).unwrap_or_default();
             let samples = RejectReason::ALL
                 .iter()
                 .zip(by_reason)
                 .map(|(reason, count)| (format!("{{reason=\"{reason}\"}}"), count as f64));
-            metric(text, &name, "counter", help, &samples.collect::<Vec<_>>());
+            metric(text, &format!("{}_total", field.name), "counter", help, &samples.collect::<Vec<_>>());
         }
     }
 }

@@ -18,9 +18,11 @@ use foretrace_client::Instance;
 use foretrace_serve::http::waits;
 
 use crate::LiveError;
-use crate::source::frame::{Asked, Counts, Inbox, asked, counts_frame, frame_of, framed, hello, kind};
+use crate::source::frame::{
+    FrameInbox, ListenerMessage, LossCounts, asked, counts_frame, frame_of, framed, hello, kind,
+};
 use crate::source::remote::relay_socket;
-use crate::source::{News, Source, Wants};
+use crate::source::{LiveSource, SourceNews, Wants};
 
 /// Listeners at a time.
 const LISTENERS: usize = 64;
@@ -31,7 +33,7 @@ const QUEUE_BYTES: usize = 16 << 20;
 /// A listener that takes nothing for this long is let go.
 const STUCK: Duration = Duration::from_secs(10);
 /// A new listener has to say what it wants in this time.
-const SHY: Duration = Duration::from_secs(2);
+const HELLO_TIMEOUT: Duration = Duration::from_secs(2);
 /// Between two counts, which also say that the relay lives.
 const TELL: Duration = Duration::from_secs(1);
 /// Between two starts asked of the daemon, whoever wants one.
@@ -39,10 +41,8 @@ const STARTS_EVERY: Duration = Duration::from_millis(250);
 
 /// What a relay did.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize)]
-pub struct Tally {
-    /// Listeners now.
+pub struct RelayTally {
     pub listeners: u64,
-    /// Listeners so far.
     pub admitted: u64,
     /// Listeners that were turned away or let go: too many, silent, stuck, or not of this protocol.
     pub refused: u64,
@@ -52,35 +52,32 @@ pub struct Tally {
     pub dropped: u64,
 }
 
-/// A relay.
 #[derive(Debug)]
 pub struct Relay {
-    source: Source,
+    source: LiveSource,
     listener: UnixListener,
     path: PathBuf,
     /// Held as long as this lives.
     _lock: File,
-    listeners: Vec<Listener>,
-    tally: Tally,
+    listeners: Vec<RelayListener>,
+    tally: RelayTally,
     told: Instant,
     /// Somebody wants a start.
     wanted: bool,
-    /// A start could not be asked for; told already.
-    deaf: bool,
     started: Instant,
 }
 
 impl Relay {
-    /// Takes the places and begins to listen for listeners.
+    /// Takes the slots and begins to listen for listeners.
     ///
     /// # Errors
     ///
-    /// No daemon; no place; another relay; the socket cannot be made.
+    /// No daemon; no slot; another relay; the socket cannot be made.
     pub fn open(instance: &Instance) -> Result<Self, LiveError> {
         let path = relay_socket(instance);
         let refused = |why: io::Error| LiveError::NoRelay { path: path.clone(), why: why.to_string() };
         // Says first that there is no daemon, where there is not even a folder.
-        let source = Source::open_direct(instance, Wants::ALL)?;
+        let source = LiveSource::open_direct(instance, Wants::ALL)?;
         let lock = locked(instance.root().join("relay.lock"))?;
         // Under the lock: what is there is left over.
         match std::fs::remove_file(&path) {
@@ -96,28 +93,25 @@ impl Relay {
             path: path.clone(),
             _lock: lock,
             listeners: Vec::new(),
-            tally: Tally::default(),
+            tally: RelayTally::default(),
             told: now,
             wanted: false,
-            deaf: false,
             started: now,
         })
     }
 
-    /// Where it listens.
     #[must_use]
     pub const fn path(&self) -> &PathBuf {
         &self.path
     }
 
-    /// Counts so far.
     #[must_use]
-    pub fn tally(&self) -> Tally {
-        Tally { listeners: self.listeners.len() as u64, ..self.tally }
+    pub fn tally(&self) -> RelayTally {
+        RelayTally { listeners: self.listeners.len() as u64, ..self.tally }
     }
 
     /// Takes what has come and passes it on; returns what changed. Call this every few milliseconds.
-    pub fn turn(&mut self) -> Option<News> {
+    pub fn turn(&mut self) -> Option<SourceNews> {
         self.admit();
         let Self { source, listeners, tally, .. } = self;
         let mut news = source.hear(|heard| {
@@ -133,7 +127,8 @@ impl Relay {
             self.told = Instant::now();
             let lost = self.source.lost();
             for listener in self.listeners.iter_mut().filter(|listener| listener.wants.is_some()) {
-                let counts = Counts { refused: lost.refused, broken: lost.things + listener.things_dropped };
+                let counts =
+                    LossCounts { refused: lost.refused, broken: lost.things + listener.things_dropped };
                 listener.push(kind::COUNTS, counts_frame(counts));
             }
         }
@@ -141,7 +136,7 @@ impl Relay {
         self.listeners.retain_mut(|listener| match listener.turn(&mut wanted) {
             Ok(()) => true,
             Err(end) => {
-                refused += u64::from(end == End::Refused);
+                refused += u64::from(end == ListenerEnd::Refused);
                 false
             }
         });
@@ -150,17 +145,13 @@ impl Relay {
         if self.wanted && self.started.elapsed() >= STARTS_EVERY {
             self.started = Instant::now();
             match self.source.start_again() {
-                Ok(()) => (self.wanted, self.deaf) = (false, false),
-                Err(error) if !std::mem::replace(&mut self.deaf, true) => {
-                    news = news.or(Some(News::Deaf(error)));
-                }
-                Err(_) => {}
+                Ok(()) => self.wanted = false,
+                Err(report) => news = news.or(report),
             }
         }
         news
     }
 
-    /// Lets in who knocks.
     fn admit(&mut self) {
         // No more at once than there may be: the loop goes on.
         for _ in 0..LISTENERS {
@@ -170,7 +161,7 @@ impl Relay {
                 continue;
             }
             self.tally.admitted += 1;
-            self.listeners.push(Listener::new(stream));
+            self.listeners.push(RelayListener::new(stream));
         }
     }
 }
@@ -192,7 +183,7 @@ fn locked(path: PathBuf) -> Result<File, LiveError> {
         Ok(()) => {}
         Err(std::fs::TryLockError::WouldBlock) => {
             let mut holder = String::new();
-            // What stands there is for people only.
+            // What stands there is for the message only.
             let _ = (&file).take(20).read_to_string(&mut holder);
             let who =
                 if holder.is_empty() { "another process".to_owned() } else { format!("process {holder}") };
@@ -212,17 +203,16 @@ fn locked(path: PathBuf) -> Result<File, LiveError> {
 
 /// How a listener ends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum End {
-    /// It went.
+enum ListenerEnd {
     Left,
     /// It was let go.
     Refused,
 }
 
 #[derive(Debug)]
-struct Listener {
+struct RelayListener {
     stream: UnixStream,
-    inbox: Inbox,
+    inbox: FrameInbox,
     wants: Option<Wants>,
     queue: VecDeque<(u32, Arc<[u8]>)>,
     bytes: usize,
@@ -233,11 +223,11 @@ struct Listener {
     took: Instant,
 }
 
-impl Listener {
+impl RelayListener {
     fn new(stream: UnixStream) -> Self {
         let mut listener = Self {
             stream,
-            inbox: Inbox::of_listener(),
+            inbox: FrameInbox::of_listener(),
             wants: None,
             queue: VecDeque::new(),
             bytes: 0,
@@ -273,20 +263,22 @@ impl Listener {
     }
 
     /// Reads what it asks for and writes what it takes.
-    fn turn(&mut self, wanted: &mut bool) -> Result<(), End> {
+    fn turn(&mut self, wanted: &mut bool) -> Result<(), ListenerEnd> {
         let gone = self.inbox.fill(&mut self.stream).is_err();
-        while let Some((kind, body)) = self.inbox.next_frame().map_err(|_| End::Refused)? {
+        while let Some((kind, body)) = self.inbox.next_frame().map_err(|_| ListenerEnd::Refused)? {
             match asked(kind, body) {
-                Some(Asked::Wants(wants)) if self.wants.is_none() => {
+                Some(ListenerMessage::Wants(wants)) if self.wants.is_none() => {
                     self.wants = Some(wants);
                     *wanted |= wants.inputs;
                 }
-                Some(Asked::Again) if self.wants.is_some_and(|wants| wants.inputs) => *wanted = true,
-                _ => return Err(End::Refused),
+                Some(ListenerMessage::Again) if self.wants.is_some_and(|wants| wants.inputs) => {
+                    *wanted = true
+                }
+                _ => return Err(ListenerEnd::Refused),
             }
         }
         if gone {
-            return Err(End::Left);
+            return Err(ListenerEnd::Left);
         }
         while let Some((_, frame)) = self.queue.front() {
             match self.stream.write(frame.get(self.sent..).unwrap_or_default()) {
@@ -299,28 +291,28 @@ impl Listener {
                     }
                 }
                 Err(error) if waits(&error) => break,
-                Err(_) => return Err(End::Left),
+                Err(_) => return Err(ListenerEnd::Left),
             }
         }
         if self.queue.is_empty() && self.wants.is_some() {
             self.took = Instant::now();
         }
-        let patience = if self.wants.is_some() { STUCK } else { SHY };
-        if self.took.elapsed() > patience { Err(End::Refused) } else { Ok(()) }
+        let patience = if self.wants.is_some() { STUCK } else { HELLO_TIMEOUT };
+        if self.took.elapsed() > patience { Err(ListenerEnd::Refused) } else { Ok(()) }
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::source::Heard;
-    use crate::source::frame::{Said, said, wants_frame};
+    use crate::source::SourceMessage;
+    use crate::source::frame::{RelayMessage, said, wants_frame};
 
-    fn admitted() -> (UnixStream, Listener) {
+    fn admitted() -> (UnixStream, RelayListener) {
         let (mut end, stream) = UnixStream::pair().unwrap();
         stream.set_nonblocking(true).unwrap();
         end.write_all(&wants_frame(Wants::ALL)).unwrap();
-        let (mut listener, mut wanted) = (Listener::new(stream), false);
+        let (mut listener, mut wanted) = (RelayListener::new(stream), false);
         listener.turn(&mut wanted).unwrap();
         assert!(wanted, "whoever begins needs a start");
         (end, listener)
@@ -333,19 +325,19 @@ mod tests {
         let (mut dropped, mut wanted) = (0, false);
         for number in 1..=3 * QUEUE as u64 {
             tick.tick = number;
-            let (kind, frame) = frame_of(&Heard::Tick(Box::new(tick)));
+            let (kind, frame) = frame_of(&SourceMessage::Tick(Box::new(tick)));
             dropped += listener.push(kind, frame);
             listener.turn(&mut wanted).unwrap();
         }
         assert!(listener.queue.len() <= QUEUE && listener.bytes <= QUEUE_BYTES);
         // Then it reads all: whole frames, in order, the newest at the end, and as many as were not dropped.
         end.set_nonblocking(true).unwrap();
-        let (mut inbox, mut seen) = (Inbox::of_relay(), Vec::new());
+        let (mut inbox, mut seen) = (FrameInbox::of_relay(), Vec::new());
         while !listener.queue.is_empty() {
             listener.turn(&mut wanted).unwrap();
             inbox.fill(&mut end).unwrap();
             while let Some((kind, body)) = inbox.next_frame().unwrap() {
-                if let Some(Said::Heard(Heard::Tick(tick))) = said(kind, body) {
+                if let Some(RelayMessage::Heard(SourceMessage::Tick(tick))) = said(kind, body) {
                     seen.push(tick.tick);
                 }
             }
@@ -356,7 +348,7 @@ mod tests {
     }
 
     #[test]
-    fn things_that_were_dropped_are_told_and_other_peers_are_let_go() {
+    fn things_that_were_dropped_are_reported_and_other_peers_are_let_go() {
         let (_end, mut listener) = admitted();
         let thing = vec![0; 6 << 20];
         let dropped: u64 = (0..3).map(|_| listener.push(kind::THING, framed(kind::THING, &thing))).sum();
@@ -366,10 +358,10 @@ mod tests {
         {
             let (mut end, mut listener) = admitted();
             end.write_all(wrong).unwrap();
-            assert_eq!(listener.turn(&mut wanted), Err(End::Refused), "{wrong:?}");
+            assert_eq!(listener.turn(&mut wanted), Err(ListenerEnd::Refused), "{wrong:?}");
         }
         let (end, mut listener) = admitted();
         drop(end);
-        assert_eq!(listener.turn(&mut wanted), Err(End::Left));
+        assert_eq!(listener.turn(&mut wanted), Err(ListenerEnd::Left));
     }
 }

@@ -7,45 +7,17 @@ use std::fmt::Write as _;
 use foretrace_shm::{STAGES, Stage, TickRecord};
 
 /// Upper ends of the buckets \[ns\]: six per factor of ten, from a tenth of a microsecond to 100 ms.
-const EDGES_NS: [u32; 37] = [
-    100,
-    150,
-    200,
-    300,
-    500,
-    700,
-    1_000,
-    1_500,
-    2_000,
-    3_000,
-    5_000,
-    7_000,
-    10_000,
-    15_000,
-    20_000,
-    30_000,
-    50_000,
-    70_000,
-    100_000,
-    150_000,
-    200_000,
-    300_000,
-    500_000,
-    700_000,
-    1_000_000,
-    1_500_000,
-    2_000_000,
-    3_000_000,
-    5_000_000,
-    7_000_000,
-    10_000_000,
-    15_000_000,
-    20_000_000,
-    30_000_000,
-    50_000_000,
-    70_000_000,
-    100_000_000,
-];
+const EDGES_NS: [u32; 37] = {
+    let (steps, mut edges, mut scale, mut at) = ([10, 15, 20, 30, 50, 70], [0; 37], 10, 0);
+    while at < edges.len() {
+        edges[at] = steps[at % steps.len()] * scale;
+        at += 1;
+        if at % steps.len() == 0 {
+            scale *= 10;
+        }
+    }
+    edges
+};
 /// With one for what is beyond.
 const BUCKETS: usize = EDGES_NS.len() + 1;
 
@@ -65,7 +37,6 @@ impl Default for Stages {
 }
 
 impl Stages {
-    /// Counts one tick.
     pub fn take(&mut self, record: &TickRecord) {
         for ((stage, counts), sum) in Stage::ALL.iter().zip(&mut self.counts).zip(&mut self.sums_ns) {
             let ns = record.stage(*stage);
@@ -96,6 +67,12 @@ impl Stages {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn edges_are_round_from_a_tenth_of_a_microsecond_to_100_ms() {
+        assert_eq!(EDGES_NS[..8], [100, 150, 200, 300, 500, 700, 1000, 1500]);
+        assert_eq!(EDGES_NS[34..], [50_000_000, 70_000_000, 100_000_000]);
+    }
 
     #[test]
     fn every_tick_counts_once_per_stage_in_the_bucket_of_its_cost() {

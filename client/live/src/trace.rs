@@ -30,7 +30,6 @@ const ARM: u64 = 11;
 const DEAD_MAN: u64 = 12;
 const OPERATOR: u64 = 13;
 
-/// Kinds of events.
 const BEGIN: u64 = 1;
 const END: u64 = 2;
 const INSTANT: u64 = 3;

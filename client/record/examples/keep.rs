@@ -8,9 +8,9 @@
 use std::error::Error;
 use std::path::Path;
 
-use foretrace_record::read::{Content, Entry, Reader};
-use foretrace_record::topics::{Topic, layouts};
-use foretrace_record::write::{Facts, Output};
+use foretrace_record::read::{Content, RecordingEntry, RecordingReader};
+use foretrace_record::topics::{RecordingTopic, layouts};
+use foretrace_record::write::{FileFacts, Output};
 use foretrace_shm::PieceKind;
 
 /// Ticks that are kept.
@@ -26,11 +26,13 @@ fn main() -> Result<(), Box<dyn Error>> {
     let target = Path::new(&folder).join(format!("{:016x}.mcap", layouts()));
     let mut output = Output::create(&target, &facts)?;
     let ticks = first..first + TICKS;
-    let (mut reader, mut status, mut times) = (Reader::open(from)?, false, None);
+    let (mut reader, mut status, mut times) = (RecordingReader::open(from)?, false, None);
     while let Some(entry) = reader.next_entry()? {
-        let Entry::Message(message) = entry else { continue };
-        let topic =
-            reader.channels().get(&message.channel).and_then(|channel| Topic::from_name(&channel.name));
+        let RecordingEntry::Message(message) = entry else { continue };
+        let topic = reader
+            .channels()
+            .get(&message.channel)
+            .and_then(|channel| RecordingTopic::from_name(&channel.name));
         let Some(topic) = topic else { continue };
         let wanted = match reader.content(&message)? {
             Content::Input(input) => ticks.contains(&input.tick),
@@ -55,18 +57,19 @@ fn main() -> Result<(), Box<dyn Error>> {
             output.put(topic, message.time_ns, &message.data)?;
         }
     }
-    println!("{}", output.finish(&Facts::new())?.display());
+    println!("{}", output.finish(&FileFacts::new())?.display());
     Ok(())
 }
 
 /// The first tick after a state in whose neighbourhood the pen writes, and what the file says about itself.
-fn first_tick(path: &Path) -> Result<(u64, Facts), Box<dyn Error>> {
-    let (mut reader, mut states, mut pen, mut about) = (Reader::open(path)?, Vec::new(), Vec::new(), None);
+fn first_tick(path: &Path) -> Result<(u64, FileFacts), Box<dyn Error>> {
+    let (mut reader, mut states, mut pen, mut about) =
+        (RecordingReader::open(path)?, Vec::new(), Vec::new(), None);
     while let Some(entry) = reader.next_entry()? {
         match entry {
-            Entry::Facts(name, facts) if name == "foretrace" => about = Some(facts),
-            Entry::Facts(..) => {}
-            Entry::Message(message) => match reader.content(&message)? {
+            RecordingEntry::Facts(name, facts) if name == "foretrace" => about = Some(facts),
+            RecordingEntry::Facts(..) => {}
+            RecordingEntry::Message(message) => match reader.content(&message)? {
                 Content::Thing(thing) if thing.kind == PieceKind::State => states.push(thing.number + 1),
                 Content::Input(input) if input.pen_samples > 0 => pen.push(input.tick),
                 _ => {}

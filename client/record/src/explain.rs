@@ -7,25 +7,21 @@
 use std::path::Path;
 
 use foretrace_shm::{
-    FaultReason, Mode, PieceKind, Rejections, Rung, Stage, Thing, TickRecord, TrustReason, guard_mask,
-    health, pen_flags,
+    FaultReason, Mode, PieceKind, Rung, Stage, Thing, TickRecord, TrustReason, guard_mask, health, pen_flags,
 };
 use serde::Serialize;
 
 use crate::RecordError;
-use crate::read::{Content, Entry, Reader};
+use crate::read::{Content, RecordingEntry, RecordingReader};
 
 /// Moments that are told at most.
 const MOMENTS: usize = 10;
 
-/// Something that happened.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Moment {
-    /// In this tick.
     pub tick: u64,
     /// After the first record \[s\].
     pub after_s: f64,
-    /// What.
     pub what: String,
     /// The larger, the more it matters.
     #[serde(skip)]
@@ -37,7 +33,7 @@ pub struct Moment {
 
 /// What a recording tells.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Told {
+pub struct Explanation {
     /// The moments that matter most, in order of time.
     pub moments: Vec<Moment>,
     /// The daemon was set to record every n-th tick only; 1: every tick. Of several, the largest.
@@ -50,8 +46,8 @@ pub struct Told {
 ///
 /// # Errors
 ///
-/// It is no recording of this program's layout, or holds no tick records.
-pub fn moments(path: &Path) -> Result<Told, RecordError> {
+/// It is not a recording of this program's layout, or holds no tick records.
+pub fn moments(path: &Path) -> Result<Explanation, RecordError> {
     let mut found: Vec<Moment> = Vec::new();
     let mut last: Option<Box<TickRecord>> = None;
     let (mut begin, mut most) = (0, 1);
@@ -73,14 +69,14 @@ pub fn moments(path: &Path) -> Result<Told, RecordError> {
     found.sort_by(|a, b| b.weight.total_cmp(&a.weight));
     found.truncate(MOMENTS);
     found.sort_by_key(|moment| moment.tick);
-    Ok(Told { moments: found, every_ticks: most, damage })
+    Ok(Explanation { moments: found, every_ticks: most, damage })
 }
 
 /// What `tick` saw, decided and cost, as sentences.
 ///
 /// # Errors
 ///
-/// It is no recording of this program's layout, or does not hold that tick.
+/// It is not a recording of this program's layout, or does not hold that tick.
 pub fn tick(path: &Path, tick: u64) -> Result<Vec<String>, RecordError> {
     let (mut found, mut range): (Option<Box<TickRecord>>, Option<(u64, u64)>) = (None, None);
     let mut every_ticks = 1;
@@ -121,9 +117,9 @@ fn each_tick(
 ) -> Result<Option<String>, RecordError> {
     // A recorder gets the settings some records after the first one.
     let mut every = 1;
-    let mut reader = Reader::open(path)?;
+    let mut reader = RecordingReader::open(path)?;
     while let Some(entry) = reader.next_entry()? {
-        if let Entry::Message(message) = entry
+        if let RecordingEntry::Message(message) = entry
             && let Ok(Content::Thing(thing)) = reader.ticks_and_things(&message)
             && let Some(found) = every_ticks(&thing)
         {
@@ -131,9 +127,9 @@ fn each_tick(
             break;
         }
     }
-    let (mut reader, mut goes_on) = (Reader::open(path)?, true);
+    let (mut reader, mut goes_on) = (RecordingReader::open(path)?, true);
     while goes_on && let Some(entry) = reader.next_entry()? {
-        let Entry::Message(message) = entry else { continue };
+        let RecordingEntry::Message(message) = entry else { continue };
         match reader.ticks_and_things(&message)? {
             Content::Thing(thing) => every = every_ticks(&thing).unwrap_or(every),
             Content::Tick(record) => goes_on = use_record(record, every),
@@ -154,7 +150,7 @@ fn every_ticks(thing: &Thing) -> Option<u64> {
 
 fn keep(found: &mut Vec<Moment>, moment: Moment) {
     let same = found.iter().position(|other| other.kind == moment.kind && moment.kind != "stop");
-    if let Some(other) = same.and_then(|place| found.get_mut(place)) {
+    if let Some(other) = same.and_then(|index| found.get_mut(index)) {
         if moment.weight > other.weight {
             *other = moment;
         }
@@ -166,119 +162,90 @@ fn keep(found: &mut Vec<Moment>, moment: Moment) {
 
 /// What `record` shows that `before` did not, which is `every` ticks earlier: kind, weight, words.
 fn seen(before: Option<&TickRecord>, record: &TickRecord, every: u64) -> Vec<(&'static str, f64, String)> {
-    let mut told = Vec::new();
+    let mut found = Vec::new();
+    let mut tell = |kind, weight: f64, words: String| found.push((kind, weight, words));
     let mode = Mode::try_from(record.mode).unwrap_or(Mode::Idle);
     let has = |bit: u32| record.health & bit != 0;
     if has(health::OVERRUN) {
         let late_us = -record.slack_ns as f64 * 1e-3;
-        told.push((
-            "overrun",
-            1e5 + late_us,
-            format!("the tick ended {late_us:.0} µs late: {}", costs(record)),
-        ));
+        tell("overrun", 1e5 + late_us, format!("the tick ended {late_us:.0} µs late: {}", costs(record)));
     }
     if record.error_m >= 0.0 {
-        let error_mm = record.error_m * 1e3;
-        let ghost = if record.ghost_error_m >= 0.0 {
-            format!("; feedback alone would have been {:.2} mm off", record.ghost_error_m * 1e3)
-        } else {
-            String::new()
-        };
+        let (error_mm, ghost) = (record.error_m * 1e3, ghost(record));
         let words = format!("the tool was {error_mm:.2} mm off the pen, at {}{ghost}", trust(record));
-        told.push(("error", 1e3 + error_mm, words));
+        tell("error", 1e3 + error_mm, words);
     }
-    let Some(before) = before else { return told };
+    let Some(before) = before else { return found };
     let passed = record.tick.saturating_sub(before.tick);
     let missing = (passed / every.max(1)).saturating_sub(1);
     if missing > 0 {
-        told.push(("gap", 5e3 + missing as f64, format!("{missing} records before it are missing")));
+        tell("gap", 5e3 + missing as f64, format!("{missing} records before it are missing"));
     }
     let late = record.counters.overruns.saturating_sub(before.counters.overruns);
     let unseen = late.saturating_sub(u64::from(has(health::OVERRUN)));
     if unseen > 0 && passed > 1 {
         let words = format!("{unseen} of the {} ticks before it that have no record ended late", passed - 1);
-        told.push(("unseen overrun", 9e4 + unseen as f64, words));
+        tell("unseen overrun", 9e4 + unseen as f64, words);
     }
     if record.skipped_ticks > 0 {
         let skipped = f64::from(record.skipped_ticks);
-        told.push((
-            "skipped",
-            8e4 + skipped,
-            format!("{skipped} whole periods passed before it without a tick"),
-        ));
+        tell("skipped", 8e4 + skipped, format!("{skipped} whole periods passed before it without a tick"));
     }
     if before.mode != record.mode {
         if matches!(mode, Mode::Stopped | Mode::Fault) {
-            told.push(("stop", 1e6, stopped(record)));
+            tell("stop", 1e6, stopped(record));
         } else {
             let was = Mode::try_from(before.mode).map_or("unknown", Mode::label);
             // Between following and holding the hand goes to and fro.
             let weight = if matches!(mode, Mode::Armed | Mode::Idle | Mode::Homing) { 3e4 } else { 2e2 };
-            told.push((mode.label(), weight, format!("it went from {was} to {mode}")));
+            tell(mode.label(), weight, format!("it went from {was} to {mode}"));
         }
     }
     let follows = matches!(mode, Mode::Following);
     let rung = Rung::try_from(record.rung).unwrap_or(Rung::Hold);
     if follows && rung != Rung::FreshPlan && before.rung != record.rung {
-        told.push(("rung", 2e4, format!("no plan of its own: {rung}; {}", degraded(record))));
+        tell("rung", 2e4, format!("no plan of its own: {rung}; {}", degraded(record)));
     }
-    let fell = before.trust_target - record.trust_target;
-    if fell > 0.2 {
-        let words = format!(
-            "trust was to fall from {:.2} to {:.2}: {}",
-            before.trust_target,
-            record.trust_target,
-            reason(record)
-        );
-        told.push(("trust", 1e4 + fell, words));
+    let (from, to) = (before.trust_target, record.trust_target);
+    if from - to > 0.2 {
+        let words = format!("trust was to fall from {from:.2} to {to:.2}: {}", reason(record));
+        tell("trust", 1e4 + (from - to), words);
     }
     if before.predictor != record.predictor {
-        told.push(("predictor", 6e3, format!("the predictor became {}", record.predictor)));
+        tell("predictor", 6e3, format!("the predictor became {}", record.predictor));
     }
-    let now = &record.counters;
-    let then = &before.counters;
-    for (kind, new, words) in [
-        ("pen refused", refused(&now.pen_rejected, &then.pen_rejected), "pen samples were refused"),
+    let (now, then) = (&record.counters, &before.counters);
+    for (kind, now, then, words) in [
+        ("pen refused", now.pen_rejected.total(), then.pen_rejected.total(), "pen samples were refused"),
         (
             "joints refused",
-            refused(&now.joint_state_rejected, &then.joint_state_rejected),
+            now.joint_state_rejected.total(),
+            then.joint_state_rejected.total(),
             "joint states were refused",
         ),
-        (
-            "pen lost",
-            now.pen_dropped.saturating_sub(then.pen_dropped),
-            "pen samples were lost before the tick",
-        ),
-        (
-            "joints lost",
-            now.joint_state_dropped.saturating_sub(then.joint_state_dropped),
-            "joint states were lost",
-        ),
-        (
-            "weights refused",
-            now.weights_refused.saturating_sub(then.weights_refused),
-            "sets of weights were refused",
-        ),
+        ("pen lost", now.pen_dropped, then.pen_dropped, "pen samples were lost before the tick"),
+        ("joints lost", now.joint_state_dropped, then.joint_state_dropped, "joint states were lost"),
+        ("weights refused", now.weights_refused, then.weights_refused, "sets of weights were refused"),
     ] {
+        let new = now.saturating_sub(then);
         if new > 0 {
-            told.push((kind, 4e3 + new as f64, format!("{new} {words}")));
+            tell(kind, 4e3 + new as f64, format!("{new} {words}"));
         }
     }
-    told
+    found
 }
 
-fn refused(now: &Rejections, then: &Rejections) -> u64 {
-    now.total().saturating_sub(then.total())
+/// What feedback alone would have made of it, where that is known.
+fn ghost(record: &TickRecord) -> String {
+    let known = (record.ghost_error_m >= 0.0).then_some(record.ghost_error_m * 1e3);
+    known.map_or_else(String::new, |mm| format!("; feedback alone would have been {mm:.2} mm off"))
 }
 
 fn stopped(record: &TickRecord) -> String {
     let reason = FaultReason::try_from(record.fault).map_or("unknown reason", FaultReason::label);
     let detail = record.stop.to_string();
-    if detail.is_empty() {
-        format!("it stopped: {reason}")
-    } else {
-        format!("it stopped: {reason}; {detail}")
-    }
+    let detail = if detail.is_empty() { detail } else { format!("; {detail}") };
+    format!("it stopped: {reason}{detail}")
 }
 
 fn trust(record: &TickRecord) -> String {
@@ -303,8 +270,8 @@ fn costs(record: &TickRecord) -> String {
     told.collect::<Vec<_>>().join(", ")
 }
 
-fn millimetres(place: &[f64; 3]) -> String {
-    let [x, y, z] = place.map(|m| m * 1e3);
+fn millimetres(at: &[f64; 3]) -> String {
+    let [x, y, z] = at.map(|m| m * 1e3);
     format!("({x:.2}, {y:.2}, {z:.2}) mm")
 }
 
@@ -315,6 +282,7 @@ fn age(ns: u64) -> String {
 fn sentences(record: &TickRecord) -> Vec<String> {
     let mode = Mode::try_from(record.mode).map_or("unknown", Mode::label);
     let rung = Rung::try_from(record.rung).map_or("unknown", Rung::label);
+    let reason = reason(record);
     let touch = if record.pen_flags & pen_flags::CONTACT != 0 { "on the paper" } else { "lifted" };
     let pen = if record.pen_sequence == 0 && record.pen_stamp_ns == 0 {
         "It has never seen a pen sample.".to_owned()
@@ -331,12 +299,7 @@ fn sentences(record: &TickRecord) -> Vec<String> {
         format!("Tick {} was {mode}.", record.tick),
         pen,
         format!("The arm's newest joint state was {}.", age(record.joint_state_age_ns)),
-        format!(
-            "Trust was {:.2}, on its way to {:.2}: {}.",
-            record.trust,
-            record.trust_target,
-            reason(record)
-        ),
+        format!("Trust was {:.2}, on its way to {:.2}: {reason}.", record.trust, record.trust_target),
         format!(
             "The predictor was {}, with weights {}; {}.",
             record.predictor,
@@ -368,22 +331,13 @@ fn sentences(record: &TickRecord) -> Vec<String> {
         }
     }
     if record.error_m >= 0.0 {
-        let ghost = if record.ghost_error_m >= 0.0 {
-            format!("; feedback alone would have been {:.2} mm off", record.ghost_error_m * 1e3)
-        } else {
-            String::new()
-        };
-        told.push(format!(
-            "A tenth of a second before, the tool was {:.2} mm off the pen{ghost}.",
-            record.error_m * 1e3
-        ));
+        let (error_mm, ghost) = (record.error_m * 1e3, ghost(record));
+        told.push(format!("A tenth of a second before, the tool was {error_mm:.2} mm off the pen{ghost}."));
     }
     let step_us = f64::from(record.stage(Stage::Step)) * 1e-3;
     let slack_us = record.slack_ns as f64 * 1e-3;
-    told.push(format!(
-        "It cost {step_us:.0} µs and left {slack_us:.0} µs to its deadline: {}.",
-        costs(record)
-    ));
+    let costs = costs(record);
+    told.push(format!("It cost {step_us:.0} µs and left {slack_us:.0} µs to its deadline: {costs}."));
     if record.shed != 0 {
         told.push("It was told to shed the solve, for want of time.".to_owned());
     }
@@ -429,7 +383,7 @@ mod tests {
     }
 
     #[test]
-    fn records_that_were_never_wanted_are_not_missing_and_late_ticks_among_them_are_told() {
+    fn records_that_were_never_wanted_are_not_missing_and_late_ticks_among_them_are_reported() {
         let mut before = TickRecord { tick: 8, error_m: -1.0, ..Default::default() };
         before.counters.overruns = 3;
         let next = TickRecord { tick: 12, ..before };

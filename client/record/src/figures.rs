@@ -11,7 +11,7 @@ use foretrace_shm::{AXES, JOINTS, Mode, Rung, TickInput, TickRecord, health};
 use serde::Serialize;
 
 use crate::RecordError;
-use crate::read::{Content, Entry, Reader};
+use crate::read::{Content, RecordingEntry, RecordingReader};
 
 /// Figures of a run; keys are stable.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
@@ -42,12 +42,12 @@ pub struct Figures {
 ///
 /// # Errors
 ///
-/// It is no recording of this program's layout, or the disk fails.
+/// It is not a recording of this program's layout, or the disk fails.
 pub fn figures(path: &Path, limits: JointLimits<JOINTS>) -> Result<Figures, RecordError> {
-    let mut reader = Reader::open(path)?;
-    let mut run = Run::new(limits);
+    let mut reader = RecordingReader::open(path)?;
+    let mut run = FigureSums::new(limits);
     while let Some(entry) = reader.next_entry()? {
-        let Entry::Message(message) = entry else { continue };
+        let RecordingEntry::Message(message) = entry else { continue };
         match reader.content(&message)? {
             Content::Input(input) if input.part == 0 => run.input(&input),
             Content::Tick(record) => run.tick(&record),
@@ -58,7 +58,7 @@ pub fn figures(path: &Path, limits: JointLimits<JOINTS>) -> Result<Figures, Reco
 }
 
 /// What has been read so far.
-struct Run {
+struct FigureSums {
     checker: CommandChecker<JOINTS>,
     /// Daemon and number of the last tick.
     last: Option<(u64, u64)>,
@@ -71,7 +71,7 @@ struct Run {
     missing: u64,
 }
 
-impl Run {
+impl FigureSums {
     fn new(limits: JointLimits<JOINTS>) -> Self {
         Self {
             checker: CommandChecker::new(limits),
@@ -159,8 +159,8 @@ fn is_planned(record: &TickRecord) -> bool {
 mod tests {
     use super::*;
 
-    fn run() -> Run {
-        Run::new(JointLimits::new([[-6.0, 6.0]; JOINTS], [3.0; JOINTS], [20.0; JOINTS]).unwrap())
+    fn run() -> FigureSums {
+        FigureSums::new(JointLimits::new([[-6.0, 6.0]; JOINTS], [3.0; JOINTS], [20.0; JOINTS]).unwrap())
     }
 
     fn input(tick: u64, q: f64) -> TickInput {
@@ -191,11 +191,11 @@ mod tests {
             run.tick(&unknown);
         }
         run.tick(&TickRecord { error_m: 0.1, ghost_error_m: 0.1, ..TickRecord::default() });
-        let told = run.figures(None);
+        let reported = run.figures(None);
         let near = |value: Option<f64>, wanted: f64| (value.unwrap() - wanted).abs() < 1e-9;
-        assert_eq!(told.compared, 2);
-        assert!(near(told.rms_mm, 12.5_f64.sqrt()) && near(told.ghost_rms_mm, 5.0), "{told:?}");
-        assert!(near(told.saved_mm, 5.0 - 12.5_f64.sqrt()), "{told:?}");
+        assert_eq!(reported.compared, 2);
+        assert!(near(reported.rms_mm, 12.5_f64.sqrt()) && near(reported.ghost_rms_mm, 5.0), "{reported:?}");
+        assert!(near(reported.saved_mm, 5.0 - 12.5_f64.sqrt()), "{reported:?}");
     }
 
     #[test]
@@ -222,10 +222,14 @@ mod tests {
         run.tick(&TickRecord { rung: Rung::Stop.into(), ..planned(6, 20.0) });
         run.tick(&planned(7, 50.0));
         run.tick(&TickRecord { health: health::RESYNCHRONISED, ..planned(8, 90.0) });
-        let told = run.figures(Some("cut".to_owned()));
-        assert_eq!((told.commands, told.violations, told.missing_ticks), (5, 1, 4), "{told:?}");
-        assert!((told.max_jerk_mps3 - 7.5).abs() < 1e-9, "{told:?}");
-        assert_eq!(told.damage.as_deref(), Some("cut"));
-        assert!((told.seconds - 0.018).abs() < 1e-12, "{told:?}");
+        let reported = run.figures(Some("cut".to_owned()));
+        assert_eq!(
+            (reported.commands, reported.violations, reported.missing_ticks),
+            (5, 1, 4),
+            "{reported:?}"
+        );
+        assert!((reported.max_jerk_mps3 - 7.5).abs() < 1e-9, "{reported:?}");
+        assert_eq!(reported.damage.as_deref(), Some("cut"));
+        assert!((reported.seconds - 0.018).abs() < 1e-12, "{reported:?}");
     }
 }

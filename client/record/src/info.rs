@@ -7,7 +7,7 @@ use foretrace_shm::PieceKind;
 use serde::Serialize;
 
 use crate::RecordError;
-use crate::read::{Content, Entry, Reader};
+use crate::read::{Content, RecordingEntry, RecordingReader};
 
 /// A summary; keys are stable.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
@@ -16,7 +16,6 @@ pub struct Info {
     pub begin: BTreeMap<String, String>,
     /// What it wrote at the end; empty if it was killed.
     pub end: BTreeMap<String, String>,
-    /// Messages by topic.
     pub topics: BTreeMap<String, u64>,
     /// Topics whose messages have another layout than this program's.
     pub foreign: Vec<String>,
@@ -40,16 +39,16 @@ pub struct Info {
 ///
 /// # Errors
 ///
-/// It is no recording, or the disk fails.
+/// It is not a recording, or the disk fails.
 pub fn info(path: &Path) -> Result<Info, RecordError> {
-    let mut reader = Reader::open(path)?;
+    let mut reader = RecordingReader::open(path)?;
     let mut info = Info::default();
     let (mut first, mut last) = (u64::MAX, 0);
     while let Some(entry) = reader.next_entry()? {
         match entry {
-            Entry::Facts(name, facts) if name == "foretrace" => info.begin = facts,
-            Entry::Facts(_, facts) => info.end.extend(facts),
-            Entry::Message(message) => {
+            RecordingEntry::Facts(name, facts) if name == "foretrace" => info.begin = facts,
+            RecordingEntry::Facts(_, facts) => info.end.extend(facts),
+            RecordingEntry::Message(message) => {
                 first = first.min(message.time_ns);
                 last = last.max(message.time_ns);
                 let name = reader.channels().get(&message.channel).map(|channel| channel.name.clone());

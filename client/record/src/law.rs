@@ -32,9 +32,7 @@ pub(crate) fn quietly<T>(work: impl FnOnce() -> T) -> Option<T> {
     done
 }
 
-/// A law.
 pub(crate) trait Law {
-    /// One tick.
     fn tick(&mut self, input: &StepInput<'_, JOINTS>, budget: Budget) -> StepOutput<JOINTS>;
 
     /// Continues from the state in `bytes`.

@@ -40,69 +40,33 @@ use std::path::{Path, PathBuf};
 pub enum RecordError {
     /// Nothing is overwritten.
     #[error("{} exists already; give a new name, or remove it", path.display())]
-    Exists {
-        /// The file.
-        path: PathBuf,
-    },
+    Exists { path: PathBuf },
     /// Another recorder is at work.
     #[error("{} is being written by another recorder; give another name", path.display())]
-    Busy {
-        /// The file.
-        path: PathBuf,
-    },
+    Busy { path: PathBuf },
     /// The disk refuses.
     #[error("cannot write {}: {source}; what was recorded until then can be mended with \
              `foretrace record --repair`", path.display())]
-    Write {
-        /// The file.
-        path: PathBuf,
-        /// The system's reason.
-        source: std::io::Error,
-    },
+    Write { path: PathBuf, source: std::io::Error },
     /// The disk refuses.
     #[error("cannot read {}: {source}", path.display())]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// The system's reason.
-        source: std::io::Error,
-    },
+    Read { path: PathBuf, source: std::io::Error },
     /// Not a recording.
     #[error("{} is no recording: {why}; give a file of `foretrace record`", path.display())]
-    NoRecording {
-        /// The file.
-        path: PathBuf,
-        /// What it is.
-        why: String,
-    },
+    NoRecording { path: PathBuf, why: String },
     /// Made by another version.
     #[error(
         "{}: the messages of {topic} have another layout than this program's; use the version of foretrace \
          that `--info` names", path.display()
     )]
-    OtherLayout {
-        /// The file.
-        path: PathBuf,
-        /// The topic.
-        topic: String,
-    },
+    OtherLayout { path: PathBuf, topic: String },
     /// A message that no recorder wrote.
     #[error("{}: a message of {topic} is damaged; mend the file with `foretrace record --repair`",
             path.display())]
-    Damaged {
-        /// The file.
-        path: PathBuf,
-        /// The topic.
-        topic: String,
-    },
+    Damaged { path: PathBuf, topic: String },
     /// The format refuses.
     #[error("{}: {why}", path.display())]
-    Format {
-        /// The file.
-        path: PathBuf,
-        /// The reason.
-        why: String,
-    },
+    Format { path: PathBuf, why: String },
 }
 
 foretrace_shm::debug_as_display!(RecordError);
@@ -129,6 +93,7 @@ impl RecordError {
 
 /// Gives the finished `part` its name, unless a file has that name.
 fn appear(part: &Path, target: &Path) -> Result<(), RecordError> {
+    let failed = |source| RecordError::Write { path: target.to_path_buf(), source };
     // A link fails where a rename would overwrite.
     match std::fs::hard_link(part, target) {
         Ok(()) => {}
@@ -136,11 +101,8 @@ fn appear(part: &Path, target: &Path) -> Result<(), RecordError> {
             return Err(RecordError::Exists { path: target.to_path_buf() });
         }
         // Some file systems have no links.
-        Err(_) if !target.exists() => {
-            return std::fs::rename(part, target)
-                .map_err(|source| RecordError::Write { path: target.to_path_buf(), source });
-        }
-        Err(source) => return Err(RecordError::Write { path: target.to_path_buf(), source }),
+        Err(_) if !target.exists() => return std::fs::rename(part, target).map_err(failed),
+        Err(source) => return Err(failed(source)),
     }
     std::fs::remove_file(part).map_err(|source| RecordError::Write { path: part.to_path_buf(), source })
 }

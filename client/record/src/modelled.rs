@@ -6,23 +6,22 @@ use foretrace_sim::arm::{ArmModel, ArmSettings, DelaySettings, JOINTS, Joints};
 use foretrace_sim::lag::Servo;
 
 /// A command as the arm takes it.
-pub(crate) type Command = JointCommand<JOINTS>;
+pub(crate) type RecordedCommand = JointCommand<JOINTS>;
 
 /// The arm behind its commands: follows the newest until it is no longer valid, also over skipped periods.
-pub(crate) struct Arm {
+pub(crate) struct ModelledArm {
     model: ArmModel,
     period_ns: u64,
     at: Stamp,
     /// The newest that it has got.
-    pub(crate) command: Option<Command>,
-    /// Where it is.
+    pub(crate) command: Option<RecordedCommand>,
     pub(crate) joints: Joints,
 }
 
 /// Periods that an arm is moved at a time at most; a longer gap ends a stretch anyway.
 const MOST_PERIODS: u64 = 500;
 
-impl Arm {
+impl ModelledArm {
     /// At rest at `start` \[rad\], as `arm` was fitted.
     pub(crate) fn new(arm: &Servo, period_ns: u64, start: [f64; JOINTS], at: Stamp) -> Self {
         let period_s = period_ns as f64 * 1e-9;

@@ -6,8 +6,8 @@ use std::collections::BTreeMap;
 use foretrace_sim::data::{PenSeen, PenTable};
 
 use crate::RecordError;
-use crate::read::{Entry, Reader};
-use crate::topics::Topic;
+use crate::read::{RecordingEntry, RecordingReader};
+use crate::topics::RecordingTopic;
 
 /// Calls `use_sample` for every pen sample that a tick of the recording was given, in order, until it fails.
 /// Returns how it failed, if it did.
@@ -16,15 +16,15 @@ use crate::topics::Topic;
 ///
 /// The recording does not tell where its pen samples are, holds a message that is none, or the disk fails.
 pub fn pen_samples<E>(
-    reader: &mut Reader,
+    reader: &mut RecordingReader,
     mut use_sample: impl FnMut(PenSeen) -> Result<(), E>,
 ) -> Result<Result<(), E>, RecordError> {
     let mut tables: BTreeMap<u16, Option<PenTable>> = BTreeMap::new();
     let mut done = Ok(());
     while let Some(entry) = reader.next_entry()? {
-        let Entry::Message(message) = entry else { continue };
+        let RecordingEntry::Message(message) = entry else { continue };
         let Some(channel) = reader.channels().get(&message.channel) else { continue };
-        if channel.name != Topic::Input.name() {
+        if channel.name != RecordingTopic::Input.name() {
             continue;
         }
         let table = tables

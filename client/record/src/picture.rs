@@ -2,16 +2,16 @@
 
 use std::path::Path;
 
-use foretrace_sim::plot::{Cell, Line, Mark, Panel, PlotError, panels_and_cells};
+use foretrace_sim::plot::{Cell, ChartPanel, Line, Mark, PlotError, panels_and_cells};
 
-use crate::what_if::Answer;
+use crate::what_if::WhatIfReport;
 
 /// Draws `answer` about the recording called `name` into `file`.
 ///
 /// # Errors
 ///
 /// The file cannot be written, or the pen never writes.
-pub fn draw(file: &Path, name: &str, answer: &Answer) -> Result<(), PlotError> {
+pub fn draw(file: &Path, name: &str, answer: &WhatIfReport) -> Result<(), PlotError> {
     let names = || answer.rows.iter().map(|row| row.name.as_str());
     let (top, cut) = top(answer.curves.iter().flat_map(|curve| &curve.error_mm).map(|point| point.1));
     let below = |points: &[(f64, f64)]| points.iter().map(|(t, mm)| (*t, mm.min(top))).collect::<Vec<_>>();
@@ -34,7 +34,7 @@ pub fn draw(file: &Path, name: &str, answer: &Answer) -> Result<(), PlotError> {
         cut.map_or_else(String::new, |most| format!(", peaks of up to {most:.0} mm cut off")),
         answer.arm_misfit_mm
     );
-    let panel = Panel { y_label: &y_label, y_range: Some((0.0, top)), lines: &lines };
+    let panel = ChartPanel { y_label: &y_label, y_range: Some((0.0, top)), lines: &lines };
     panels_and_cells(file, &format!("What if: {name}"), &subtitle, "time [s]", &[panel], &cells)
 }
 
@@ -53,7 +53,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_peak_does_not_flatten_the_rest_and_is_told() {
+    fn a_peak_does_not_flatten_the_rest_and_is_reported() {
         let quiet = || (0..200).map(|k| 1.0 + 0.001 * f64::from(k));
         assert_eq!(top(quiet()).1, None);
         let (axis, cut) = top(quiet().chain([283.0]));

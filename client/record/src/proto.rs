@@ -1,7 +1,7 @@
 //! Protobuf, as far as a recording needs it: messages of numbers, text and other messages, and their
 //! descriptors.
 //!
-//! Contract: a [`Shape`] is the only place that says what a message is; its field `i` has the number `i + 1`.
+//! Contract: a [`ProtoShape`] alone says what a message is; its field `i` has the number `i + 1`.
 //! [`encode()`] writes the fields in that order and refuses to leave one out; [`descriptor_set`] describes
 //! the shapes to readers that do not know them.
 //!
@@ -9,7 +9,7 @@
 
 /// Kind of a field.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Kind {
+pub enum ProtoKind {
     /// `uint64`
     U64,
     /// `int64`
@@ -40,7 +40,7 @@ pub enum Kind {
     Choice(&'static str, &'static [&'static str]),
 }
 
-impl Kind {
+impl ProtoKind {
     /// Number of the type, and of the label (1: one, 3: many), in a descriptor.
     const fn codes(self) -> (u64, u64) {
         match self {
@@ -64,11 +64,15 @@ impl Kind {
 
 /// A message: its full name, and its fields in order of their numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Shape {
-    /// Package and name.
+pub struct ProtoShape {
     pub name: &'static str,
     /// Name and kind of each field.
-    pub fields: &'static [(&'static str, Kind)],
+    pub fields: &'static [(&'static str, ProtoKind)],
+}
+
+/// The message `name` with these fields.
+pub(crate) const fn shape(name: &'static str, fields: &'static [(&'static str, ProtoKind)]) -> ProtoShape {
+    ProtoShape { name, fields }
 }
 
 /// A `.proto` file: its name, what it imports, its messages.
@@ -79,35 +83,35 @@ pub struct ProtoFile {
     /// Files that it needs.
     pub imports: &'static [&'static str],
     /// Its messages, all of one package.
-    pub messages: &'static [Shape],
+    pub messages: &'static [ProtoShape],
 }
 
 /// Value of a field.
 #[derive(Debug, Clone, Copy)]
-pub enum Value<'a> {
-    /// See [`Kind`].
+pub enum ProtoValue<'a> {
+    /// See [`ProtoKind`].
     U64(u64),
-    /// See [`Kind`].
+    /// See [`ProtoKind`].
     I64(i64),
-    /// See [`Kind`].
+    /// See [`ProtoKind`].
     U32(u32),
-    /// See [`Kind`].
+    /// See [`ProtoKind`].
     I32(i32),
-    /// See [`Kind`].
+    /// See [`ProtoKind`].
     F64(f64),
-    /// See [`Kind`].
+    /// See [`ProtoKind`].
     Bool(bool),
-    /// See [`Kind`].
+    /// See [`ProtoKind`].
     Text(&'a str),
-    /// See [`Kind`].
+    /// See [`ProtoKind`].
     F64s(&'a [f64]),
     /// An encoded message of the kind's name.
     Part(&'a [u8]),
     /// Encoded messages of the kind's name.
     Parts(&'a [Vec<u8>]),
-    /// See [`Kind`].
+    /// See [`ProtoKind`].
     Fixed32(u32),
-    /// See [`Kind`].
+    /// See [`ProtoKind`].
     Fixed32s(&'a [u32]),
     /// Number of one of the kind's values.
     Choice(u32),
@@ -115,35 +119,35 @@ pub enum Value<'a> {
 
 /// `values` as a message of `shape`; `None` if they are not its fields.
 #[must_use]
-pub fn encode(shape: &Shape, values: &[Value<'_>]) -> Option<Vec<u8>> {
+pub fn encode(shape: &ProtoShape, values: &[ProtoValue<'_>]) -> Option<Vec<u8>> {
     if shape.fields.len() != values.len() {
         return None;
     }
     let mut bytes = Vec::with_capacity(16 * values.len());
     for (number, ((_, kind), value)) in (1..).zip(shape.fields.iter().zip(values)) {
         match (kind, *value) {
-            (Kind::U64, Value::U64(v)) => varint_field(&mut bytes, number, v),
-            (Kind::I64, Value::I64(v)) => varint_field(&mut bytes, number, v as u64),
-            (Kind::U32, Value::U32(v)) => varint_field(&mut bytes, number, v.into()),
-            (Kind::I32, Value::I32(v)) => varint_field(&mut bytes, number, i64::from(v) as u64),
-            (Kind::Bool, Value::Bool(v)) => varint_field(&mut bytes, number, v.into()),
-            (Kind::F64, Value::F64(v)) => double_field(&mut bytes, number, v),
-            (Kind::Text, Value::Text(v)) => sized(&mut bytes, number, v.as_bytes()),
-            (Kind::F64s, Value::F64s(v)) => {
-                let packed: Vec<u8> = v.iter().flat_map(|v| v.to_le_bytes()).collect();
-                sized(&mut bytes, number, &packed);
+            (ProtoKind::U64, ProtoValue::U64(v)) => varint_field(&mut bytes, number, v),
+            (ProtoKind::I64, ProtoValue::I64(v)) => varint_field(&mut bytes, number, v as u64),
+            (ProtoKind::U32, ProtoValue::U32(v)) => varint_field(&mut bytes, number, v.into()),
+            (ProtoKind::I32, ProtoValue::I32(v)) => varint_field(&mut bytes, number, i64::from(v) as u64),
+            (ProtoKind::Bool, ProtoValue::Bool(v)) => varint_field(&mut bytes, number, v.into()),
+            (ProtoKind::F64, ProtoValue::F64(v)) => double_field(&mut bytes, number, v),
+            (ProtoKind::Text, ProtoValue::Text(v)) => sized(&mut bytes, number, v.as_bytes()),
+            (ProtoKind::F64s, ProtoValue::F64s(v)) => {
+                sized(&mut bytes, number, &v.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<_>>());
             }
-            (Kind::Part(_), Value::Part(v)) => sized(&mut bytes, number, v),
-            (Kind::Parts(_), Value::Parts(v)) => v.iter().for_each(|v| sized(&mut bytes, number, v)),
-            (Kind::Fixed32, Value::Fixed32(v)) => {
+            (ProtoKind::Part(_), ProtoValue::Part(v)) => sized(&mut bytes, number, v),
+            (ProtoKind::Parts(_), ProtoValue::Parts(v)) => {
+                v.iter().for_each(|v| sized(&mut bytes, number, v))
+            }
+            (ProtoKind::Fixed32, ProtoValue::Fixed32(v)) => {
                 key(&mut bytes, number, 5);
                 bytes.extend_from_slice(&v.to_le_bytes());
             }
-            (Kind::Fixed32s, Value::Fixed32s(v)) => {
-                let packed: Vec<u8> = v.iter().flat_map(|v| v.to_le_bytes()).collect();
-                sized(&mut bytes, number, &packed);
+            (ProtoKind::Fixed32s, ProtoValue::Fixed32s(v)) => {
+                sized(&mut bytes, number, &v.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<_>>());
             }
-            (Kind::Choice(_, values), Value::Choice(v)) if (v as usize) < values.len() => {
+            (ProtoKind::Choice(_, values), ProtoValue::Choice(v)) if (v as usize) < values.len() => {
                 varint_field(&mut bytes, number, v.into());
             }
             _ => return None,
@@ -173,7 +177,7 @@ pub fn descriptor_set(files: &[ProtoFile]) -> Vec<u8> {
     set
 }
 
-fn described(shape: &Shape) -> Vec<u8> {
+fn described(shape: &ProtoShape) -> Vec<u8> {
     let mut bytes = Vec::new();
     let name = shape.name.rsplit_once('.').map_or(shape.name, |(_, name)| name);
     sized(&mut bytes, 1, name.as_bytes());
@@ -185,12 +189,12 @@ fn described(shape: &Shape) -> Vec<u8> {
         varint_field(&mut field, 4, label);
         varint_field(&mut field, 5, code);
         match kind {
-            Kind::Part(of) | Kind::Parts(of) => sized(&mut field, 6, format!(".{of}").as_bytes()),
-            Kind::Choice(of, _) => sized(&mut field, 6, format!(".{}.{of}", shape.name).as_bytes()),
+            ProtoKind::Part(of) | ProtoKind::Parts(of) => sized(&mut field, 6, format!(".{of}").as_bytes()),
+            ProtoKind::Choice(of, _) => sized(&mut field, 6, format!(".{}.{of}", shape.name).as_bytes()),
             _ => {}
         }
         sized(&mut bytes, 2, &field);
-        if let Kind::Choice(of, values) = kind {
+        if let ProtoKind::Choice(of, values) = kind {
             let mut choice = Vec::new();
             sized(&mut choice, 1, of.as_bytes());
             for (number, value) in (0_u64..).zip(*values) {
@@ -240,15 +244,19 @@ fn varint(bytes: &mut Vec<u8>, mut value: u64) {
 mod tests {
     use super::*;
 
-    const THING: Shape =
-        Shape { name: "test.Thing", fields: &[("a", Kind::I32), ("b", Kind::Text), ("c", Kind::F64s)] };
+    const THING: ProtoShape = ProtoShape {
+        name: "test.Thing",
+        fields: &[("a", ProtoKind::I32), ("b", ProtoKind::Text), ("c", ProtoKind::F64s)],
+    };
 
     #[test]
     fn bytes_are_those_of_the_encoding_guide() {
         // Source: protobuf.dev/programming-guides/encoding, "Test1" and "Test2".
-        let one = Shape { name: "t.Test1", fields: &[("a", Kind::I32)] };
-        assert_eq!(encode(&one, &[Value::I32(150)]).unwrap(), [0x08, 0x96, 0x01]);
-        let all = encode(&THING, &[Value::I32(-1), Value::Text("testing"), Value::F64s(&[1.0])]).unwrap();
+        let one = ProtoShape { name: "t.Test1", fields: &[("a", ProtoKind::I32)] };
+        assert_eq!(encode(&one, &[ProtoValue::I32(150)]).unwrap(), [0x08, 0x96, 0x01]);
+        let all =
+            encode(&THING, &[ProtoValue::I32(-1), ProtoValue::Text("testing"), ProtoValue::F64s(&[1.0])])
+                .unwrap();
         let mut wanted = vec![0x08];
         wanted.extend([0xff; 9]);
         wanted.extend([0x01, 0x12, 7, b't', b'e', b's', b't', b'i', b'n', b'g', 0x1a, 8]);
@@ -258,19 +266,22 @@ mod tests {
 
     #[test]
     fn values_that_are_not_the_fields_make_no_message() {
-        assert!(encode(&THING, &[Value::I32(1)]).is_none());
-        assert!(encode(&THING, &[Value::U64(1), Value::Text(""), Value::F64s(&[])]).is_none());
+        assert!(encode(&THING, &[ProtoValue::I32(1)]).is_none());
+        assert!(encode(&THING, &[ProtoValue::U64(1), ProtoValue::Text(""), ProtoValue::F64s(&[])]).is_none());
     }
 
     #[test]
     fn an_enumeration_and_a_fixed_number_are_as_their_guide_says_and_unknown_values_make_no_message() {
-        const SHAPE: Shape = Shape {
+        const SHAPE: ProtoShape = ProtoShape {
             name: "t.Log",
-            fields: &[("level", Kind::Choice("Level", &["UNKNOWN", "DEBUG"])), ("line", Kind::Fixed32)],
+            fields: &[
+                ("level", ProtoKind::Choice("Level", &["UNKNOWN", "DEBUG"])),
+                ("line", ProtoKind::Fixed32),
+            ],
         };
-        let bytes = encode(&SHAPE, &[Value::Choice(1), Value::Fixed32(258)]);
+        let bytes = encode(&SHAPE, &[ProtoValue::Choice(1), ProtoValue::Fixed32(258)]);
         assert_eq!(bytes.as_deref(), Some(&[0x08, 1, 0x15, 2, 1, 0, 0][..]));
-        assert_eq!(encode(&SHAPE, &[Value::Choice(2), Value::Fixed32(0)]), None);
+        assert_eq!(encode(&SHAPE, &[ProtoValue::Choice(2), ProtoValue::Fixed32(0)]), None);
         let set = descriptor_set(&[ProtoFile { name: "t.proto", imports: &[], messages: &[SHAPE] }]);
         for text in [".t.Log.Level", "UNKNOWN", "DEBUG"] {
             assert!(set.windows(text.len()).any(|part| part == text.as_bytes()), "{text}");

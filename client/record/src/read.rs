@@ -1,8 +1,8 @@
 //! Reading a recording, one record after the other, whatever became of the file.
 //!
 //! Contract: memory is bounded by the largest record, not by the file. A file that ends early yields
-//! everything before its end, and says so; a file that is no recording, or one of another layout, is an error
-//! that says what to do. No input panics.
+//! everything before its end, and says so; a file that is not a recording, or one of another layout, is an
+//! error that says what to do. No input panics.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -16,7 +16,7 @@ use foretrace_shm::{Status, Thing, TickInput, TickRecord, Validate, Wire};
 use foretrace_sim::data::parse_mcap_record;
 
 use crate::RecordError;
-use crate::topics::{Topic, WIRE, layout_of, thing_of};
+use crate::topics::{RecordingTopic, WIRE, layout_of, thing_of};
 
 /// Bytes of a record at most, chunks included: far more than a recorder writes.
 const LARGEST_RECORD: u64 = 64 << 20;
@@ -31,35 +31,30 @@ pub type Schema = (String, String, Vec<u8>);
 /// A channel of the file.
 #[derive(Debug, Clone)]
 pub struct Channel {
-    /// Its topic's name.
     pub name: String,
-    /// Its encoding.
     pub encoding: String,
     /// Its schema, which other channels may have too.
     pub schema: Arc<Schema>,
-    topic: Option<Topic>,
+    topic: Option<RecordingTopic>,
     /// The layout is another one than ours.
     foreign: bool,
 }
 
-/// A message.
 #[derive(Debug, Clone)]
-pub struct Message {
+pub struct RecordedMessage {
     /// Number of its channel.
     pub channel: u16,
     /// Its number in its channel.
     pub sequence: u32,
     /// When it was recorded \[ns since 1970\].
     pub time_ns: u64,
-    /// Its bytes.
     pub data: Vec<u8>,
 }
 
 /// What a record of the file is.
 #[derive(Debug, Clone)]
-pub enum Entry {
-    /// A message.
-    Message(Message),
+pub enum RecordingEntry {
+    Message(RecordedMessage),
     /// Facts under a name.
     Facts(String, BTreeMap<String, String>),
 }
@@ -71,11 +66,9 @@ pub enum Content {
     Input(Box<TickInput>),
     /// Record of a tick.
     Tick(Box<TickRecord>),
-    /// A status.
     Status(Box<Status>),
     /// Settings, weights or a state.
     Thing(Thing),
-    /// Anything else.
     Other,
 }
 
@@ -85,16 +78,10 @@ pub enum Ended {
     /// As its writer ended it.
     Whole,
     /// Too early, or damaged: after so many bytes, for this reason.
-    Cut {
-        /// Bytes read.
-        after: u64,
-        /// What was wrong.
-        why: String,
-    },
+    Cut { after: u64, why: String },
 }
 
-/// Reads one file.
-pub struct Reader {
+pub struct RecordingReader {
     path: PathBuf,
     file: BufReader<File>,
     /// Records of the open chunk, the next one from `at` on.
@@ -108,13 +95,13 @@ pub struct Reader {
     ended: Option<Ended>,
 }
 
-impl std::fmt::Debug for Reader {
+impl std::fmt::Debug for RecordingReader {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Reader").field("path", &self.path).finish_non_exhaustive()
     }
 }
 
-impl Reader {
+impl RecordingReader {
     /// Opens `path`.
     ///
     /// # Errors
@@ -123,18 +110,16 @@ impl Reader {
     pub fn open(path: &Path) -> Result<Self, RecordError> {
         let failed = |source| RecordError::Read { path: path.to_path_buf(), source };
         // A pipe without a writer blocks whoever opens it.
+        let none = |why: &str| RecordError::NoRecording { path: path.to_path_buf(), why: why.to_owned() };
         if !std::fs::metadata(path).map_err(failed)?.is_file() {
-            return Err(RecordError::NoRecording {
-                path: path.to_path_buf(),
-                why: "not a regular file".into(),
-            });
+            return Err(none("not a regular file"));
         }
         let mut file = File::open(path).map_err(failed)?;
         let mut magic = [0; mcap::MAGIC.len()];
         let whole = file.read_exact(&mut magic).is_ok();
         if !whole || magic != *mcap::MAGIC {
             let why = if whole { "it does not begin as an MCAP file" } else { "it is empty or too short" };
-            return Err(RecordError::NoRecording { path: path.to_path_buf(), why: why.into() });
+            return Err(none(why));
         }
         Ok(Self {
             path: path.to_path_buf(),
@@ -149,7 +134,6 @@ impl Reader {
         })
     }
 
-    /// The file.
     #[must_use]
     pub fn path(&self) -> &Path {
         &self.path
@@ -181,7 +165,7 @@ impl Reader {
     /// # Errors
     ///
     /// The disk fails. A damaged file is not an error: it ends.
-    pub fn next_entry(&mut self) -> Result<Option<Entry>, RecordError> {
+    pub fn next_entry(&mut self) -> Result<Option<RecordingEntry>, RecordError> {
         while self.ended.is_none() {
             if let Some(entry) = self.next_in_chunk() {
                 return Ok(Some(entry));
@@ -196,7 +180,7 @@ impl Reader {
     }
 
     /// The next entry of the open chunk; `None` at its end, or where it is damaged.
-    fn next_in_chunk(&mut self) -> Option<Entry> {
+    fn next_in_chunk(&mut self) -> Option<RecordingEntry> {
         while self.at < self.chunk.len() {
             let rest = self.chunk.get(self.at..).unwrap_or_default();
             let Some((kind, body)) = split(rest) else {
@@ -222,7 +206,7 @@ impl Reader {
     }
 
     /// The next entry outside of chunks, or a chunk to be looked into.
-    fn next_in_file(&mut self) -> Result<Option<Entry>, RecordError> {
+    fn next_in_file(&mut self) -> Result<Option<RecordingEntry>, RecordError> {
         let (mut head, failed) = ([0; HEAD], |source| RecordError::Read { path: self.path.clone(), source });
         match self.file.read_exact(&mut head) {
             Ok(()) => {}
@@ -289,22 +273,22 @@ impl Reader {
     }
 
     /// Remembers schemas and channels, passes on what is an entry.
-    fn enter(&mut self, parsed: Result<Taken, String>) -> Option<Entry> {
+    fn enter(&mut self, parsed: Result<ParsedRecord, String>) -> Option<RecordingEntry> {
         match parsed {
-            Ok(Taken::Entry(entry)) => return Some(entry),
-            Ok(Taken::Schema(id, schema)) => {
+            Ok(ParsedRecord::Entry(entry)) => return Some(entry),
+            Ok(ParsedRecord::Schema(id, schema)) => {
                 let bytes = schema.0.len() + schema.1.len() + schema.2.len();
                 if self.fits(bytes, self.schemas.len(), "schema") {
                     self.schemas.insert(id, Arc::new(schema));
                 }
             }
-            Ok(Taken::Channel { id, schema, name, encoding }) => {
+            Ok(ParsedRecord::Channel { id, schema, name, encoding }) => {
                 if self.fits(name.len() + encoding.len(), self.channels.len(), "channel") {
                     let schema = self.schemas.get(&schema).cloned().unwrap_or_default();
                     self.channels.insert(id, channel(name, encoding, schema));
                 }
             }
-            Ok(Taken::Nothing) => {}
+            Ok(ParsedRecord::Nothing) => {}
             Err(why) => self.cut(why),
         }
         None
@@ -320,14 +304,14 @@ impl Reader {
         self.ended.is_none()
     }
 
-    /// As [`Reader::content`], for whoever needs tick records and things only: of the rest another version's
-    /// layout does no harm.
+    /// As [`RecordingReader::content`], for whoever needs tick records and things only: of the rest another
+    /// version's layout does no harm.
     ///
     /// # Errors
     ///
-    /// Tick records or things of another layout than this program's, or bytes that are no message.
-    pub fn ticks_and_things(&self, message: &Message) -> Result<Content, RecordError> {
-        let needed = |topic| matches!(topic, Topic::TickRaw | Topic::Thing);
+    /// Tick records or things of another layout than this program's, or bytes that are not a message.
+    pub fn ticks_and_things(&self, message: &RecordedMessage) -> Result<Content, RecordError> {
+        let needed = |topic| matches!(topic, RecordingTopic::TickRaw | RecordingTopic::Thing);
         match self.channels.get(&message.channel) {
             Some(channel) if channel.topic.is_some_and(needed) => self.content(message),
             _ => Ok(Content::Other),
@@ -338,18 +322,24 @@ impl Reader {
     ///
     /// # Errors
     ///
-    /// Another layout than this program's, or bytes that are no message.
-    pub fn content(&self, message: &Message) -> Result<Content, RecordError> {
+    /// Another layout than this program's, or bytes that are not a message.
+    pub fn content(&self, message: &RecordedMessage) -> Result<Content, RecordError> {
         let Some(channel) = self.channels.get(&message.channel) else { return Ok(Content::Other) };
         if channel.foreign {
             return Err(RecordError::OtherLayout { path: self.path.clone(), topic: channel.name.clone() });
         }
         let data = message.data.as_slice();
         let content = match channel.topic {
-            Some(Topic::Input) => decoded::<TickInput>(data).map(|input| Content::Input(Box::new(input))),
-            Some(Topic::TickRaw) => decoded::<TickRecord>(data).map(|tick| Content::Tick(Box::new(tick))),
-            Some(Topic::StatusRaw) => decoded::<Status>(data).map(|status| Content::Status(Box::new(status))),
-            Some(Topic::Thing) => thing_of(data).map(Content::Thing),
+            Some(RecordingTopic::Input) => {
+                decoded::<TickInput>(data).map(|input| Content::Input(Box::new(input)))
+            }
+            Some(RecordingTopic::TickRaw) => {
+                decoded::<TickRecord>(data).map(|tick| Content::Tick(Box::new(tick)))
+            }
+            Some(RecordingTopic::StatusRaw) => {
+                decoded::<Status>(data).map(|status| Content::Status(Box::new(status)))
+            }
+            Some(RecordingTopic::Thing) => thing_of(data).map(Content::Thing),
             _ => Some(Content::Other),
         };
         content.ok_or_else(|| RecordError::Damaged { path: self.path.clone(), topic: channel.name.clone() })
@@ -387,37 +377,37 @@ fn wanted(kind: u8) -> bool {
     matches!(kind, op::SCHEMA | op::CHANNEL | op::MESSAGE | op::METADATA)
 }
 
-enum Taken {
-    Entry(Entry),
+enum ParsedRecord {
+    Entry(RecordingEntry),
     Schema(u16, Schema),
     Channel { id: u16, schema: u16, name: String, encoding: String },
     Nothing,
 }
 
-fn taken(record: Record<'_>) -> Taken {
+fn taken(record: Record<'_>) -> ParsedRecord {
     match record {
-        Record::Message { header, data } => Taken::Entry(Entry::Message(Message {
+        Record::Message { header, data } => ParsedRecord::Entry(RecordingEntry::Message(RecordedMessage {
             channel: header.channel_id,
             sequence: header.sequence,
             time_ns: header.log_time,
             data: data.into_owned(),
         })),
-        Record::Metadata(facts) => Taken::Entry(Entry::Facts(facts.name, facts.metadata)),
+        Record::Metadata(facts) => ParsedRecord::Entry(RecordingEntry::Facts(facts.name, facts.metadata)),
         Record::Schema { header, data } => {
-            Taken::Schema(header.id, (header.name, header.encoding, data.into_owned()))
+            ParsedRecord::Schema(header.id, (header.name, header.encoding, data.into_owned()))
         }
-        Record::Channel(channel) => Taken::Channel {
+        Record::Channel(channel) => ParsedRecord::Channel {
             id: channel.id,
             schema: channel.schema_id,
             name: channel.topic,
             encoding: channel.message_encoding,
         },
-        _ => Taken::Nothing,
+        _ => ParsedRecord::Nothing,
     }
 }
 
 fn channel(name: String, encoding: String, schema: Arc<Schema>) -> Channel {
-    let topic = Topic::from_name(&name);
+    let topic = RecordingTopic::from_name(&name);
     let foreign =
         encoding == WIRE && topic.is_some_and(|topic| layout_of(&topic.schema().2) != layout_of(&schema.2));
     Channel { name, encoding, schema, topic, foreign }

@@ -12,11 +12,10 @@ use mcap::records::{MessageHeader, Metadata};
 use mcap::write::NoSeek;
 use mcap::{McapError, WriteOptions};
 
-use crate::read::{Entry, Reader};
+use crate::read::{RecordingEntry, RecordingReader};
 use crate::write::part_of;
 use crate::{RecordError, appear, whole};
 
-/// What was mended.
 #[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
 pub struct Mended {
     /// Messages in the mended file.
@@ -29,9 +28,9 @@ pub struct Mended {
 ///
 /// # Errors
 ///
-/// `from` is no recording; `to` exists, or cannot be written.
+/// `from` is not a recording; `to` exists, or cannot be written.
 pub fn repair(from: &Path, to: &Path) -> Result<Mended, RecordError> {
-    let mut reader = Reader::open(from)?;
+    let mut reader = RecordingReader::open(from)?;
     whole(to, |file| {
         let file =
             file.try_clone().map_err(|source| RecordError::Write { path: to.to_path_buf(), source })?;
@@ -39,7 +38,7 @@ pub fn repair(from: &Path, to: &Path) -> Result<Mended, RecordError> {
     })
 }
 
-fn copied(reader: &mut Reader, file: File, part: &Path) -> Result<Mended, RecordError> {
+fn copied(reader: &mut RecordingReader, file: File, part: &Path) -> Result<Mended, RecordError> {
     let broken = |error: McapError| RecordError::of_mcap(part, error);
     let options = WriteOptions::new().compression(None).disable_seeking(true).profile("foretrace");
     let mut writer = options.create(NoSeek::new(BufWriter::new(file))).map_err(broken)?;
@@ -47,10 +46,10 @@ fn copied(reader: &mut Reader, file: File, part: &Path) -> Result<Mended, Record
     let mut messages = 0;
     while let Some(entry) = reader.next_entry()? {
         match entry {
-            Entry::Facts(name, metadata) => {
+            RecordingEntry::Facts(name, metadata) => {
                 writer.write_metadata(&Metadata { name, metadata }).map_err(broken)?;
             }
-            Entry::Message(message) => {
+            RecordingEntry::Message(message) => {
                 let channel_id = match channels.get(&message.channel) {
                     Some(known) => *known,
                     None => {

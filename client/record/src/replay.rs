@@ -18,7 +18,7 @@ use serde::Serialize;
 
 use crate::RecordError;
 use crate::law::{Law, law, quietly};
-use crate::read::{Content, Ended, Entry, Reader};
+use crate::read::{Content, Ended, RecordingEntry, RecordingReader};
 
 /// Why a recording cannot be replayed.
 #[derive(thiserror::Error)]
@@ -46,18 +46,10 @@ pub enum ReplayError {
     State(#[from] StateError),
     /// A forged file.
     #[error("tick {tick}: field {field} of the input has no meaning here")]
-    Input {
-        /// The tick.
-        tick: u64,
-        /// The field.
-        field: &'static str,
-    },
+    Input { tick: u64, field: &'static str },
     /// A forged file made the law panic.
     #[error("the law cannot run with what the recording holds at tick {tick}: the file is forged or damaged")]
-    Forged {
-        /// The tick.
-        tick: u64,
-    },
+    Forged { tick: u64 },
 }
 
 foretrace_shm::debug_as_display!(ReplayError);
@@ -65,7 +57,7 @@ foretrace_shm::debug_as_display!(ReplayError);
 /// Where a replay began.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Start {
+pub enum ReplayStart {
     /// At the daemon's first tick.
     FirstTick,
     /// At a state in the recording.
@@ -75,7 +67,7 @@ pub enum Start {
 /// Why a replay ended.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum End {
+pub enum ReplayEnd {
     /// All inputs were used.
     OfRecording,
     /// Ticks are missing: the next one there is `next`.
@@ -86,47 +78,34 @@ pub enum End {
     /// Pen samples of a tick are missing.
     Incomplete,
     /// A set of weights is missing.
-    NoWeights {
-        /// Its version.
-        version: u64,
-    },
+    NoWeights { version: u64 },
     /// Another daemon took over.
     OtherDaemon,
     /// The file ends early or is damaged.
-    Damaged {
-        /// Bytes read before.
-        after: u64,
-        /// What is wrong.
-        why: String,
-    },
+    Damaged { after: u64, why: String },
 }
 
 /// A difference between recording and replay.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Difference {
-    /// The tick.
     pub tick: u64,
     /// The field of `TickInput`.
     pub field: String,
-    /// Recorded value.
     pub recorded: String,
-    /// Replayed value.
     pub replayed: String,
 }
 
 /// Result of a replay.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Outcome {
-    /// Where it began.
-    pub start: Start,
+pub struct ReplayOutcome {
+    pub start: ReplayStart,
     /// The first tick that was run again.
     pub first_tick: u64,
     /// Ticks that were run again.
     pub ticks: u64,
     /// Time that they cover \[s\].
     pub seconds: f64,
-    /// Why it ended.
-    pub end: End,
+    pub end: ReplayEnd,
     /// Where and why the file ends early, which what is missing may come of; `None`: it is whole.
     pub damage: Option<String>,
     /// The first difference, if there is any.
@@ -155,10 +134,10 @@ struct Beginning {
 
 impl Beginning {
     fn of(path: &Path) -> Result<Self, RecordError> {
-        let mut reader = Reader::open(path)?;
+        let mut reader = RecordingReader::open(path)?;
         let mut found = Self::default();
         while let Some(entry) = reader.next_entry()? {
-            let Entry::Message(message) = entry else { continue };
+            let RecordingEntry::Message(message) = entry else { continue };
             match reader.content(&message)? {
                 Content::Input(input) => match found.stretches.last_mut() {
                     Some((daemon, _, to))
@@ -210,7 +189,7 @@ impl Beginning {
 /// # Errors
 ///
 /// See [`ReplayError`].
-pub fn replay(path: &Path) -> Result<Outcome, ReplayError> {
+pub fn replay(path: &Path) -> Result<ReplayOutcome, ReplayError> {
     let beginning = Beginning::of(path)?;
     let (first_daemon, first_tick, _) = *beginning.stretches.first().ok_or(ReplayError::NoStart)?;
     let from_first = first_tick == 1;
@@ -229,7 +208,7 @@ pub fn replay(path: &Path) -> Result<Outcome, ReplayError> {
     }
     let after = state.map_or(0, |state| state.number);
     let recorded_build = beginning.build(daemon);
-    let mut run = Run {
+    let mut run = ReplayRun {
         law,
         daemon,
         blank: config.follower_settings().weights,
@@ -237,12 +216,12 @@ pub fn replay(path: &Path) -> Result<Outcome, ReplayError> {
         next: after + 1,
         pen: Vec::new(),
         times: None,
-        outcome: Outcome {
-            start: if state.is_some() { Start::State } else { Start::FirstTick },
+        outcome: ReplayOutcome {
+            start: if state.is_some() { ReplayStart::State } else { ReplayStart::FirstTick },
             first_tick: after + 1,
             ticks: 0,
             seconds: 0.0,
-            end: End::OfRecording,
+            end: ReplayEnd::OfRecording,
             damage: beginning.damage.clone(),
             difference: None,
             different_ticks: 0,
@@ -251,10 +230,10 @@ pub fn replay(path: &Path) -> Result<Outcome, ReplayError> {
             recorded_build,
         },
     };
-    let mut reader = Reader::open(path)?;
+    let mut reader = RecordingReader::open(path)?;
     let mut ended = false;
     while let Some(entry) = reader.next_entry()? {
-        let Entry::Message(message) = entry else { continue };
+        let RecordingEntry::Message(message) = entry else { continue };
         let Content::Input(input) = reader.content(&message)? else { continue };
         // Inputs of before the state may come after it in the file, and the other way round.
         if input.daemon_id == daemon && input.tick <= after {
@@ -270,7 +249,7 @@ pub fn replay(path: &Path) -> Result<Outcome, ReplayError> {
         }
     }
     if let (false, Some(Ended::Cut { after, why })) = (ended, reader.ended()) {
-        run.outcome.end = End::Damaged { after: *after, why: why.clone() };
+        run.outcome.end = ReplayEnd::Damaged { after: *after, why: why.clone() };
     }
     if let Some((from, to)) = run.times {
         run.outcome.seconds = to.saturating_sub(from) as f64 * 1e-9;
@@ -279,7 +258,7 @@ pub fn replay(path: &Path) -> Result<Outcome, ReplayError> {
 }
 
 /// A replay under way.
-struct Run<'a> {
+struct ReplayRun<'a> {
     law: Box<dyn Law>,
     daemon: u64,
     blank: OnlineWeights,
@@ -287,17 +266,17 @@ struct Run<'a> {
     next: u64,
     pen: Vec<PenReading>,
     times: Option<(u64, u64)>,
-    outcome: Outcome,
+    outcome: ReplayOutcome,
 }
 
-impl Run<'_> {
+impl ReplayRun<'_> {
     /// Runs the tick that `input` completes; returns why there is no next one.
-    fn take(&mut self, input: &TickInput) -> Result<Option<End>, ReplayError> {
+    fn take(&mut self, input: &TickInput) -> Result<Option<ReplayEnd>, ReplayError> {
         if input.daemon_id != self.daemon {
-            return Ok(Some(End::OtherDaemon));
+            return Ok(Some(ReplayEnd::OtherDaemon));
         }
         if input.tick != self.next {
-            return Ok(Some(End::Gap { next: input.tick }));
+            return Ok(Some(ReplayEnd::Gap { next: input.tick }));
         }
         self.pen.extend(input.pen().iter().map(wire::pen_of));
         if input.part.saturating_add(1) < input.parts {
@@ -306,12 +285,12 @@ impl Run<'_> {
         let tick = input.tick;
         let given = wire::given(input).map_err(|field| ReplayError::Input { tick, field })?;
         if !given.complete || self.pen.len() != given.pen_samples as usize {
-            return Ok(Some(End::Incomplete));
+            return Ok(Some(ReplayEnd::Incomplete));
         }
         let mut set = None;
         if let Some(version) = given.weights {
             let Some(bytes) = self.sets.get(&(self.daemon, version)) else {
-                return Ok(Some(End::NoWeights { version }));
+                return Ok(Some(ReplayEnd::NoWeights { version }));
             };
             let mut weights = self.blank;
             state::read(&mut weights, bytes)?;

@@ -15,7 +15,6 @@ use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 use crate::topics::scene::{Color, Entity, Solid, update};
 use crate::topics::{Turn, frame_transform};
 
-/// The arm's base.
 const BASE: &str = "base";
 /// The writing plane: z points away from it.
 const PAPER: &str = "paper";
@@ -242,11 +241,11 @@ mod tests {
             assert_eq!(entity.frame, link_frame(link));
             let (rotation, origin) = frame(&pose, link);
             // As a viewer places it: the frame's place by its quaternion, then the solid's own.
-            let place = |at: Vector3<f64>| rotated(turn(&rotation), at) + origin;
+            let position = |at: Vector3<f64>| rotated(turn(&rotation), at) + origin;
             for solid in &entity.cylinders {
                 let half = rotated(solid.turn, Vector3::new(0.0, 0.0, 0.5 * solid.size[2]));
                 let centre = Vector3::from(solid.centre);
-                drawn.push((place(centre - half), place(centre + half), 0.5 * solid.size[0]));
+                drawn.push((position(centre - half), position(centre + half), 0.5 * solid.size[0]));
             }
         }
         let long = chain.capsules().iter().filter(|capsule| capsule.segment.from != capsule.segment.to);
@@ -291,7 +290,7 @@ mod tests {
     }
 
     #[test]
-    fn the_previewed_path_is_told_fifty_times_a_second_and_its_end_once() {
+    fn the_previewed_path_is_reported_fifty_times_a_second_and_its_end_once() {
         let mut preview = Preview::default();
         let mut record = TickRecord::default();
         record.path_m[..6].copy_from_slice(&[0.01, 0.02, 0.03, 0.04, f32::NAN, 0.0]);

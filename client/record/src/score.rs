@@ -10,7 +10,7 @@ const SHORTEST_S: f64 = 0.1;
 
 /// How a law did.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
-pub struct Score {
+pub struct VariantScore {
     /// Name of the row.
     pub name: String,
     /// Distance of tool and pen while it writes, rms \[mm\].
@@ -33,7 +33,7 @@ pub struct Score {
 
 /// What a picture shows of a law.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Curve {
+pub struct ErrorCurve {
     /// Time from the beginning \[s\], and rms error while the pen writes \[mm\], of stretches of equal
     /// length.
     pub error_mm: Vec<(f64, f64)>,
@@ -54,23 +54,28 @@ pub(crate) struct Stroke {
 
 /// The pen, and where its time begins.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Hand<'a> {
+pub(crate) struct PenTrack<'a> {
     pub(crate) pen: &'a [PathSample],
     pub(crate) origin_s: f64,
     pub(crate) seconds: f64,
 }
 
-impl Hand<'_> {
+impl PenTrack<'_> {
     /// Length of the stretches of a curve \[s\].
     pub(crate) fn stretch_s(&self) -> f64 {
         (self.seconds / STRETCHES).max(SHORTEST_S)
     }
 
     /// How `tool` did; `None`: the pen does not write.
-    pub(crate) fn score(&self, name: &str, tool: &[ToolSample], saturated: Option<f64>) -> Option<Score> {
+    pub(crate) fn score(
+        &self,
+        name: &str,
+        tool: &[ToolSample],
+        saturated: Option<f64>,
+    ) -> Option<VariantScore> {
         let all = tracking(self.pen, tool)?;
         let worst = self.worst(tool);
-        Some(Score {
+        Some(VariantScore {
             name: name.to_owned(),
             rms_mm: 1e3 * all.rmse_m,
             max_mm: 1e3 * all.max_m,
@@ -89,12 +94,12 @@ impl Hand<'_> {
     }
 
     /// What a picture shows of `tool`, with the tool itself during `stroke`.
-    pub(crate) fn curve(&self, tool: &[ToolSample], stroke: Stroke) -> Curve {
+    pub(crate) fn curve(&self, tool: &[ToolSample], stroke: Stroke) -> ErrorCurve {
         let errors = error_series(self.pen, tool);
         let during = |t_s: f64| (stroke.from_s..=stroke.to_s).contains(&t_s);
         let squares = errors.iter().filter(|e| e.contact && during(e.t_s)).map(|e| e.error_m * e.error_m);
         let (sum, count) = squares.fold((0.0, 0_u32), |(sum, count), square| (sum + square, count + 1));
-        Curve {
+        ErrorCurve {
             error_mm: stretches(&errors, self.origin_s, self.stretch_s()),
             tool: tool.iter().filter(|sample| during(sample.t_s)).copied().collect(),
             stroke_mm: 1e3 * f64::sqrt(sum / f64::from(count.max(1))),
@@ -110,14 +115,14 @@ impl Hand<'_> {
 
 /// Middle \[s from the origin\] and rms error \[mm\] of every stretch of `length_s` in which the pen writes.
 fn stretches(errors: &[ErrorSample], origin_s: f64, length_s: f64) -> Vec<(f64, f64)> {
-    let place = |error: &ErrorSample| ((error.t_s - origin_s) / length_s).floor();
+    let index = |error: &ErrorSample| ((error.t_s - origin_s) / length_s).floor();
     let mut found = Vec::new();
-    for part in errors.chunk_by(|a, b| place(a) == place(b)) {
+    for part in errors.chunk_by(|a, b| index(a) == index(b)) {
         let written = part.iter().filter(|error| error.contact);
         let (sum, count) = written
             .fold((0.0, 0_u32), |(sum, count), error| (sum + error.error_m * error.error_m, count + 1));
         if let (Some(first), true) = (part.first(), count > 0) {
-            found.push(((place(first) + 0.5) * length_s, 1e3 * f64::sqrt(sum / f64::from(count))));
+            found.push(((index(first) + 0.5) * length_s, 1e3 * f64::sqrt(sum / f64::from(count))));
         }
     }
     found
@@ -171,8 +176,8 @@ mod tests {
         let found = stretches(&errors, 10.0, 2.0);
         assert_eq!(found.iter().map(|(t_s, _)| *t_s).collect::<Vec<_>>(), [1.0, 5.0]);
         assert!((found[0].1 - 5.0).abs() < 1e-9 && (found[1].1 - 2.0).abs() < 1e-9, "{found:?}");
-        let hand = Hand { pen: &[], origin_s: 0.0, seconds: 600.0 };
+        let hand = PenTrack { pen: &[], origin_s: 0.0, seconds: 600.0 };
         assert_eq!(hand.stretch_s(), 1.5);
-        assert_eq!(Hand { seconds: 4.0, ..hand }.stretch_s(), 0.1);
+        assert_eq!(PenTrack { seconds: 4.0, ..hand }.stretch_s(), 0.1);
     }
 }

@@ -12,27 +12,27 @@ use foretrace_shm::{FaultReason, JOINTS, PieceKind, TickInput, input_flags};
 use foretraced::wire;
 
 use crate::RecordError;
-use crate::modelled::Command;
-use crate::read::{Content, Entry, Reader};
+use crate::modelled::RecordedCommand;
+use crate::read::{Content, RecordingEntry, RecordingReader};
 
 /// Between two ticks of one stretch, and from a tick to the stamps of its command and joints \[ns\].
 const MAX_STEP_NS: u64 = 1_000_000_000;
 
 /// A tick of the recorded life.
 #[derive(Debug, Clone)]
-pub(crate) struct Tick {
+pub(crate) struct RecordedTick {
     pub now: Stamp,
     pub pen: Vec<PenReading>,
     pub measured: Option<(Stamp, [f64; JOINTS])>,
-    pub command: Option<Command>,
+    pub command: Option<RecordedCommand>,
 }
 
-impl Tick {
+impl RecordedTick {
     fn of(input: &TickInput, pen: Vec<PenReading>) -> Self {
         let near = |stamp_ns: u64| stamp_ns.abs_diff(input.now_ns) <= MAX_STEP_NS;
         let measured = (input.flags & input_flags::JOINTS != 0 && near(input.joints_ns))
             .then_some((Stamp(input.joints_ns), input.joints_q));
-        let command = (input.command_ns != 0).then_some(Command {
+        let command = (input.command_ns != 0).then_some(RecordedCommand {
             stamp: Stamp(input.command_ns),
             valid_until: Stamp(input.valid_until_ns),
             q: input.q,
@@ -43,13 +43,12 @@ impl Tick {
     }
 }
 
-/// The stretch.
 #[derive(Debug, Default)]
 pub(crate) struct Stretch {
     /// Settings in force at its daemon's start; `None`: the file has none.
     pub settings: Option<String>,
     /// Empty: the loop was never in charge.
-    pub ticks: Vec<Tick>,
+    pub ticks: Vec<RecordedTick>,
     /// Where and why the file ends early.
     pub damage: Option<String>,
 }
@@ -58,15 +57,15 @@ pub(crate) struct Stretch {
 ///
 /// # Errors
 ///
-/// The file is no recording, or of another layout.
+/// The file is not a recording, or of another layout.
 pub(crate) fn longest(path: &Path) -> Result<Stretch, RecordError> {
-    let mut reader = Reader::open(path)?;
+    let mut reader = RecordingReader::open(path)?;
     let mut settings: BTreeMap<u64, String> = BTreeMap::new();
     // Each with its daemon.
     let (mut best, mut life) = ((0, Vec::new()), (0, Vec::new()));
     let (mut last, mut pen): (Option<(u64, u64, u64)>, _) = (None, Vec::new());
     while let Some(entry) = reader.next_entry()? {
-        let Entry::Message(message) = entry else { continue };
+        let RecordingEntry::Message(message) = entry else { continue };
         match reader.content(&message)? {
             Content::Thing(thing) if thing.kind == PieceKind::Settings => {
                 if let Ok(text) = String::from_utf8(thing.bytes) {
@@ -90,7 +89,7 @@ pub(crate) fn longest(path: &Path) -> Result<Stretch, RecordError> {
                 last = Some((input.daemon_id, input.tick, input.now_ns));
                 if follows {
                     life.0 = input.daemon_id;
-                    life.1.push(Tick::of(&input, std::mem::take(&mut pen)));
+                    life.1.push(RecordedTick::of(&input, std::mem::take(&mut pen)));
                 }
             }
             _ => {}
@@ -109,8 +108,8 @@ fn goes_on((daemon, tick, now_ns): (u64, u64, u64), input: &TickInput) -> bool {
         && step_ns.is_some_and(|step_ns| (1..=MAX_STEP_NS).contains(&step_ns))
 }
 
-/// Keeps the longer one, and begins anew.
-fn longer(best: &mut (u64, Vec<Tick>), life: &mut (u64, Vec<Tick>)) {
+/// Keeps the longer one, and begins again.
+fn longer(best: &mut (u64, Vec<RecordedTick>), life: &mut (u64, Vec<RecordedTick>)) {
     // It begins where the arm is known.
     let known = life.1.iter().position(|tick| tick.measured.is_some()).unwrap_or(life.1.len());
     life.1.drain(..known);

@@ -1,7 +1,7 @@
 //! Raw topics as tables of numbers, by the layout that the file itself names.
 //!
 //! Contract: needs nothing of this program's layouts, so that recordings of other versions are read too. What
-//! is no number (names, nested messages) is left out.
+//! is not a number (names, nested messages) is left out.
 
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry as Slot;
@@ -10,7 +10,7 @@ use std::io::Write;
 use foretrace_shm::{PATH_POINTS, Stage};
 
 use crate::RecordError;
-use crate::read::{Channel, Entry, Reader};
+use crate::read::{Channel, RecordingEntry, RecordingReader};
 use crate::topics::WIRE;
 
 /// A column of numbers.
@@ -19,7 +19,8 @@ pub struct Column {
     /// Field, with an index for arrays, and unit.
     pub name: String,
     offset: usize,
-    number: Number,
+    /// Place of its type in [`NUMBERS`].
+    number: usize,
 }
 
 impl Column {
@@ -29,47 +30,20 @@ impl Column {
     }
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Number {
-    U8,
-    U16,
-    U32,
-    U64,
-    I32,
-    I64,
-    F32,
-    F64,
-}
+/// The number at the front of bytes as text; `None` if there are too few.
+type AsText = fn(&[u8]) -> Option<String>;
 
-impl Number {
-    fn of(text: &str) -> Option<(Self, usize)> {
-        Some(match text {
-            "u8" => (Self::U8, 1),
-            "u16" => (Self::U16, 2),
-            "u32" => (Self::U32, 4),
-            "u64" => (Self::U64, 8),
-            "i32" => (Self::I32, 4),
-            "i64" => (Self::I64, 8),
-            "f32" => (Self::F32, 4),
-            "f64" => (Self::F64, 8),
-            _ => return None,
-        })
-    }
-
-    /// The number at the front of `bytes` as text; `None` if there are too few.
-    fn text(self, bytes: &[u8]) -> Option<String> {
-        Some(match self {
-            Self::U8 => u8::from_le_bytes(*bytes.first_chunk()?).to_string(),
-            Self::U16 => u16::from_le_bytes(*bytes.first_chunk()?).to_string(),
-            Self::U32 => u32::from_le_bytes(*bytes.first_chunk()?).to_string(),
-            Self::U64 => u64::from_le_bytes(*bytes.first_chunk()?).to_string(),
-            Self::I32 => i32::from_le_bytes(*bytes.first_chunk()?).to_string(),
-            Self::I64 => i64::from_le_bytes(*bytes.first_chunk()?).to_string(),
-            Self::F32 => f32::from_le_bytes(*bytes.first_chunk()?).to_string(),
-            Self::F64 => f64::from_le_bytes(*bytes.first_chunk()?).to_string(),
-        })
-    }
-}
+/// Types of numbers: name, size, and how they are read.
+const NUMBERS: [(&str, usize, AsText); 8] = [
+    ("u8", 1, |bytes| Some(u8::from_le_bytes(*bytes.first_chunk()?).to_string())),
+    ("u16", 2, |bytes| Some(u16::from_le_bytes(*bytes.first_chunk()?).to_string())),
+    ("u32", 4, |bytes| Some(u32::from_le_bytes(*bytes.first_chunk()?).to_string())),
+    ("u64", 8, |bytes| Some(u64::from_le_bytes(*bytes.first_chunk()?).to_string())),
+    ("i32", 4, |bytes| Some(i32::from_le_bytes(*bytes.first_chunk()?).to_string())),
+    ("i64", 8, |bytes| Some(i64::from_le_bytes(*bytes.first_chunk()?).to_string())),
+    ("f32", 4, |bytes| Some(f32::from_le_bytes(*bytes.first_chunk()?).to_string())),
+    ("f64", 8, |bytes| Some(f64::from_le_bytes(*bytes.first_chunk()?).to_string())),
+];
 
 /// Entries of an array that become columns at most; longer ones are histograms and byte strings.
 const LONGEST_ARRAY: usize = 2 * PATH_POINTS;
@@ -89,7 +63,9 @@ pub fn columns(channel: &Channel) -> Option<Vec<Column>> {
         let (name, offset, _, kind) = (words.next()?, words.next()?, words.next()?, words.next()?);
         let offset: usize = offset.parse().ok()?;
         let (kind, count) = kind.split_once('*').map_or((kind, Some(1)), |(kind, n)| (kind, n.parse().ok()));
-        let (Some((number, size)), Some(count)) = (Number::of(kind), count) else { continue };
+        let number = NUMBERS.iter().position(|(name, ..)| *name == kind);
+        let (Some(number), Some(count)) = (number, count) else { continue };
+        let size = NUMBERS.get(number).map_or(0, |(_, size, _)| *size);
         if count > LONGEST_ARRAY || columns.len() > MOST_COLUMNS {
             continue;
         }
@@ -153,7 +129,7 @@ fn chosen(channel: &Channel, fields: &[String]) -> Result<Vec<Column>, String> {
 ///
 /// No such topic or field; the file or the output fails.
 pub fn csv(
-    reader: &mut Reader,
+    reader: &mut RecordingReader,
     topic: &str,
     every: u64,
     fields: &[String],
@@ -166,7 +142,7 @@ pub fn csv(
     let mut header: Option<Vec<String>> = None;
     let (mut seen, mut rows) = (0_u64, 0);
     while let Some(entry) = reader.next_entry()? {
-        let Entry::Message(message) = entry else { continue };
+        let RecordingEntry::Message(message) = entry else { continue };
         let Some(channel) = reader.channels().get(&message.channel) else { continue };
         if channel.name != topic {
             continue;
@@ -197,7 +173,7 @@ pub fn csv(
         for column in table.iter() {
             let bytes = message.data.get(column.offset..).unwrap_or_default();
             row.push(',');
-            row.push_str(&column.number.text(bytes).unwrap_or_default());
+            row.extend(NUMBERS.get(column.number).and_then(|(.., as_text)| as_text(bytes)));
         }
         writeln!(out, "{row}").map_err(failed)?;
         rows += 1;

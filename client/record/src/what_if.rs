@@ -16,7 +16,7 @@ use foretrace_control::predict::OnlineWeights;
 use foretrace_control::stop::StopReason;
 use foretrace_control::units::Stamp;
 use foretrace_shm::JOINTS;
-use foretrace_sim::lag::{LagError, Sample, Servo, Verdict, identify};
+use foretrace_sim::lag::{LagError, LagModel, Sample, Servo, identify};
 use foretrace_sim::metrics::ToolSample;
 use foretrace_sim::path::PathSample;
 use foretraced::wire;
@@ -24,9 +24,9 @@ use serde::Serialize;
 
 use crate::RecordError;
 use crate::law::{law, quietly};
-use crate::modelled::Arm;
-use crate::score::{Curve, Hand, Score};
-use crate::stretch::{Stretch, Tick, longest};
+use crate::modelled::ModelledArm;
+use crate::score::{ErrorCurve, PenTrack, VariantScore};
+use crate::stretch::{RecordedTick, Stretch, longest};
 
 /// Why there is no answer.
 #[derive(thiserror::Error)]
@@ -36,45 +36,27 @@ pub enum WhatIfError {
     File(#[from] RecordError),
     /// Settings, recorded or changed.
     #[error("{variant}: {why}")]
-    Settings {
-        /// Which.
-        variant: String,
-        /// What is wrong.
-        why: String,
-    },
+    Settings { variant: String, why: String },
     /// Not `key=value`.
     #[error("{text:?} is not a setting change; write KEY=VALUE, for example predictor=dybm or trust=0")]
-    Change {
-        /// What was given.
-        text: String,
-    },
+    Change { text: String },
     /// Too little in the file.
     #[error("the recording has {what}; record an armed loop whose arm follows a pen for some seconds")]
-    TooLittle {
-        /// What it lacks.
-        what: &'static str,
-    },
+    TooLittle { what: &'static str },
     /// The arm's answer cannot be fitted.
     #[error("the arm's answer cannot be told from the recording: {0}")]
     Arm(#[from] LagError),
     /// The law cannot be built.
     #[error("{variant}: the law cannot be built: {why}")]
-    Law {
-        /// Which.
-        variant: String,
-        /// Why.
-        why: String,
-    },
+    Law { variant: String, why: String },
 }
 
 foretrace_shm::debug_as_display!(WhatIfError);
 
-/// The result.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Answer {
+pub struct WhatIfReport {
     /// Time that was run again \[s\].
     pub seconds: f64,
-    /// Ticks in it.
     pub ticks: usize,
     /// Where and why the file ends early; `None`: it is whole.
     pub damage: Option<String>,
@@ -83,10 +65,10 @@ pub struct Answer {
     /// From the modelled to the recorded tool under the recorded commands, rms \[mm\].
     pub arm_misfit_mm: f64,
     /// As it was recorded; with the recorded settings behind the modelled arm; then the variants.
-    pub rows: Vec<Score>,
+    pub rows: Vec<VariantScore>,
     /// For a picture, of each row.
     #[serde(skip)]
-    pub curves: Vec<Curve>,
+    pub curves: Vec<ErrorCurve>,
     /// Length of the stretches of time of these curves \[s\].
     #[serde(skip)]
     pub stretch_s: f64,
@@ -124,7 +106,7 @@ impl Variant {
                 ("trust", "auto") => change("trust.mode", "auto"),
                 ("trust", alpha) => {
                     change("trust.mode", "manual");
-                    // A whole number is no number with a point in TOML.
+                    // A whole number is not a number with a point in TOML.
                     let alpha = if alpha.contains('.') { alpha.to_owned() } else { format!("{alpha}.0") };
                     change("trust.value", &alpha);
                 }
@@ -149,19 +131,17 @@ impl Variant {
 /// # Errors
 ///
 /// See [`WhatIfError`].
-pub fn what_if(path: &Path, variants: &[Variant], threads: usize) -> Result<Answer, WhatIfError> {
+pub fn what_if(path: &Path, variants: &[Variant], threads: usize) -> Result<WhatIfReport, WhatIfError> {
     let Stretch { settings, ticks: life, damage } = longest(path)?;
     if life.is_empty() {
         return Err(WhatIfError::TooLittle { what: "no armed loop" });
     }
     let toml = settings.ok_or(WhatIfError::TooLittle { what: "no settings of its armed loop" })?;
     let recorded = Variant { name: "recorded settings, learner cold".to_owned(), changes: Vec::new() };
-    let all: Vec<&Variant> = std::iter::once(&recorded).chain(variants).collect();
+    let all = std::iter::once(&recorded).chain(variants);
     // All settings are judged before the first is run.
-    let mut jobs = Vec::new();
-    for variant in all {
-        jobs.push((variant, variant.config(&toml)?));
-    }
+    let jobs =
+        all.map(|variant| Ok((variant, variant.config(&toml)?))).collect::<Result<Vec<_>, WhatIfError>>()?;
     let Some((_, config)) = jobs.first() else { return Err(WhatIfError::TooLittle { what: "no settings" }) };
     let settings = config.follower_settings();
     let pen = pen_path(&life, &settings);
@@ -177,14 +157,14 @@ pub fn what_if(path: &Path, variants: &[Variant], threads: usize) -> Result<Answ
         .collect();
     let misfit = quietly(|| misfit_mm(&life, &settings, &arm, start)).ok_or_else(broken)?;
     let last_s = life.last().map_or(origin_s, |tick| seconds(tick.now));
-    let hand = Hand { pen: &pen, origin_s, seconds: last_s - origin_s };
+    let hand = PenTrack { pen: &pen, origin_s, seconds: last_s - origin_s };
     let silent = || WhatIfError::TooLittle { what: "no pen that writes" };
     let mut rows = vec![hand.score("as recorded", &measured, None).ok_or_else(silent)?];
     let stroke = hand.worst(&measured);
     let mut curves = vec![hand.curve(&measured, stroke)];
-    let mut results: Vec<Option<Result<(Score, Curve), WhatIfError>>> = jobs.iter().map(|_| None).collect();
+    let mut results: Vec<Result<(VariantScore, ErrorCurve), WhatIfError>> = Vec::new();
     let (life, arm_of) = (&life, &arm);
-    for (batch, places) in jobs.chunks(threads.max(1)).zip(results.chunks_mut(threads.max(1))) {
+    for batch in jobs.chunks(threads.max(1)) {
         std::thread::scope(|scope| {
             let running: Vec<_> = batch
                 .iter()
@@ -200,20 +180,18 @@ pub fn what_if(path: &Path, variants: &[Variant], threads: usize) -> Result<Answ
                     })
                 })
                 .collect();
-            for (place, thread) in places.iter_mut().zip(running) {
-                *place = Some(match thread.map(std::thread::ScopedJoinHandle::join) {
-                    Ok(Ok(result)) => result,
-                    _ => Err(broken()),
-                });
-            }
+            results.extend(running.into_iter().map(|thread| {
+                let ended = thread.map(std::thread::ScopedJoinHandle::join);
+                if let Ok(Ok(result)) = ended { result } else { Err(broken()) }
+            }));
         });
     }
-    for result in results.into_iter().flatten() {
+    for result in results {
         let (row, curve) = result?;
         rows.push(row);
         curves.push(curve);
     }
-    Ok(Answer {
+    Ok(WhatIfReport {
         seconds: hand.seconds,
         ticks: life.len(),
         damage,
@@ -231,7 +209,7 @@ fn seconds(stamp: Stamp) -> f64 {
 }
 
 /// The pen on the paper.
-fn pen_path(life: &[Tick], settings: &FollowerSettings<JOINTS>) -> Vec<PathSample> {
+fn pen_path(life: &[RecordedTick], settings: &FollowerSettings<JOINTS>) -> Vec<PathSample> {
     let mut path: Vec<PathSample> = Vec::new();
     for reading in life.iter().flat_map(|tick| &tick.pen) {
         let [x_m, y_m] = settings.plane.from_pen(reading.position);
@@ -244,15 +222,15 @@ fn pen_path(life: &[Tick], settings: &FollowerSettings<JOINTS>) -> Vec<PathSampl
 }
 
 /// The arm's answer to its commands, at the joint states' stamps.
-fn fitted(life: &[Tick]) -> Result<Servo, WhatIfError> {
+fn fitted(life: &[RecordedTick]) -> Result<Servo, WhatIfError> {
     let of = |pair: Option<(Stamp, [f64; JOINTS])>| pair.map(|(stamp, q)| Sample { t_s: seconds(stamp), q });
     let commands: Vec<_> =
         life.iter().filter_map(|tick| of(tick.command.map(|command| (command.stamp, command.q)))).collect();
     let states: Vec<_> = life.iter().filter_map(|tick| of(tick.measured)).collect();
     let found = identify(&commands, &states)?;
     Ok(match found.verdict {
-        Verdict::Servo => found.servo,
-        Verdict::PureDelay => Servo {
+        LagModel::Servo => found.servo,
+        LagModel::PureDelay => Servo {
             delay_s: found.shift.delay_s,
             filter_s: 0.0,
             joint_loop_s: 0.0,
@@ -262,14 +240,19 @@ fn fitted(life: &[Tick]) -> Result<Servo, WhatIfError> {
 }
 
 fn tool(settings: &FollowerSettings<JOINTS>, t_s: f64, q: &[f64; JOINTS]) -> ToolSample {
-    let place = settings.plane.point_from_base(&settings.chain.forward(q).position);
-    ToolSample { t_s, x_m: place.x, y_m: place.y }
+    let at = settings.plane.point_from_base(&settings.chain.forward(q).position);
+    ToolSample { t_s, x_m: at.x, y_m: at.y }
 }
 
 /// Distance of the modelled from the recorded tool, both under the recorded commands \[mm\].
-fn misfit_mm(life: &[Tick], settings: &FollowerSettings<JOINTS>, arm: &Servo, start: [f64; JOINTS]) -> f64 {
+fn misfit_mm(
+    life: &[RecordedTick],
+    settings: &FollowerSettings<JOINTS>,
+    arm: &Servo,
+    start: [f64; JOINTS],
+) -> f64 {
     let begin = life.first().map_or(Stamp(0), |tick| tick.now);
-    let mut modelled = Arm::new(arm, settings.period_ns, start, begin);
+    let mut modelled = ModelledArm::new(arm, settings.period_ns, start, begin);
     let (mut sum, mut count) = (0.0, 0_u32);
     for tick in life {
         modelled.move_to(tick.now);
@@ -296,7 +279,7 @@ struct Lived {
 fn run(
     name: &str,
     config: &Config,
-    life: &[Tick],
+    life: &[RecordedTick],
     arm: &Servo,
     start: [f64; JOINTS],
 ) -> Result<Lived, WhatIfError> {
@@ -308,7 +291,7 @@ fn run(
     let mut learner = learner.map_err(|error: LearnError| failed(error.to_string()))?;
     let learns = config.settings().learner.enabled;
     let begin = life.first().map_or(Stamp(0), |tick| tick.now);
-    let mut arm = Arm::new(arm, settings.period_ns, start, begin);
+    let mut arm = ModelledArm::new(arm, settings.period_ns, start, begin);
     let mut fresh: Option<Box<OnlineWeights>> = None;
     let mut lived = Lived { tool: Vec::with_capacity(life.len()), saturated: 0.0, stopped: None };
     let (mut limited, mut planned, mut armed, mut refused) = (0_u32, 0_u32, false, None);

@@ -17,19 +17,18 @@ use mcap::{WriteOptions, Writer};
 
 use crate::RecordError;
 use crate::scene::{Preview, Scene};
-use crate::topics::Topic;
+use crate::topics::RecordingTopic;
 
 /// Bytes of a chunk at most; most are closed by time before that.
 const CHUNK_BYTES: u64 = 1 << 20;
 
 /// What a recording says about itself, in order of the keys.
-pub type Facts = BTreeMap<String, String>;
+pub type FileFacts = BTreeMap<String, String>;
 
-/// Writes one file.
 pub struct Output {
     writer: Writer<NoSeek<BufWriter<File>>>,
-    channels: [u16; Topic::ALL.len()],
-    sequences: [u32; Topic::ALL.len()],
+    channels: [u16; RecordingTopic::ALL.len()],
+    sequences: [u32; RecordingTopic::ALL.len()],
     part: PathBuf,
     target: PathBuf,
     bytes: u64,
@@ -61,7 +60,7 @@ impl Output {
     /// # Errors
     ///
     /// `target` or its part exists already; the folder cannot be written.
-    pub fn create(target: &Path, facts: &Facts) -> Result<Self, RecordError> {
+    pub fn create(target: &Path, facts: &FileFacts) -> Result<Self, RecordError> {
         let part = part_of(target);
         if target.exists() {
             return Err(RecordError::Exists { path: target.to_path_buf() });
@@ -78,8 +77,8 @@ impl Output {
             .library(format!("foretrace {}", env!("CARGO_PKG_VERSION")));
         let mut writer = options.create(NoSeek::new(BufWriter::new(file))).map_err(broken)?;
         let broken = |error: mcap::McapError| RecordError::of_mcap(&part, error);
-        let mut channels = [0; Topic::ALL.len()];
-        for (channel, topic) in channels.iter_mut().zip(Topic::ALL) {
+        let mut channels = [0; RecordingTopic::ALL.len()];
+        for (channel, topic) in channels.iter_mut().zip(RecordingTopic::ALL) {
             let (name, encoding, text) = topic.schema();
             let schema = writer.add_schema(&name, encoding, &text).map_err(broken)?;
             *channel = writer
@@ -88,24 +87,12 @@ impl Output {
         }
         let about = Metadata { name: "foretrace".to_owned(), metadata: facts.clone() };
         writer.write_metadata(&about).map_err(broken)?;
-        let (sequences, target) = ([0; Topic::ALL.len()], target.to_path_buf());
+        let (sequences, target) = ([0; RecordingTopic::ALL.len()], target.to_path_buf());
         let (newest, scene, preview) = (None, None, Preview::default());
         let mut output =
             Self { writer, channels, sequences, part, target, bytes: 0, written: 0, newest, scene, preview };
         output.flush()?;
         Ok(output)
-    }
-
-    /// Its name once it is whole.
-    #[must_use]
-    pub fn target(&self) -> &Path {
-        &self.target
-    }
-
-    /// Its name now.
-    #[must_use]
-    pub fn part(&self) -> &Path {
-        &self.part
     }
 
     /// The tick record before `record`, which is the newest from here on.
@@ -119,7 +106,6 @@ impl Output {
         self.bytes
     }
 
-    /// Messages so far.
     #[must_use]
     pub const fn written(&self) -> u64 {
         self.written
@@ -130,12 +116,10 @@ impl Output {
     /// # Errors
     ///
     /// The file cannot be written.
-    pub fn put(&mut self, topic: Topic, time_ns: u64, data: &[u8]) -> Result<(), RecordError> {
-        let place = topic as usize;
-        let (Some(channel), Some(sequence)) = (self.channels.get(place), self.sequences.get_mut(place))
-        else {
-            return Ok(());
-        };
+    pub fn put(&mut self, topic: RecordingTopic, time_ns: u64, data: &[u8]) -> Result<(), RecordError> {
+        let at = topic as usize;
+        let (channel, sequence) = (self.channels.get(at), self.sequences.get_mut(at));
+        let (Some(channel), Some(sequence)) = (channel, sequence) else { return Ok(()) };
         *sequence = sequence.wrapping_add(1);
         let header = MessageHeader {
             channel_id: *channel,
@@ -165,7 +149,7 @@ impl Output {
     /// # Errors
     ///
     /// The file cannot be written or renamed.
-    pub fn finish(mut self, facts: &Facts) -> Result<PathBuf, RecordError> {
+    pub fn finish(mut self, facts: &FileFacts) -> Result<PathBuf, RecordError> {
         let end = Metadata { name: "foretrace.end".to_owned(), metadata: facts.clone() };
         let broken = |error: mcap::McapError| RecordError::of_mcap(&self.part, error);
         self.writer.write_metadata(&end).map_err(broken)?;

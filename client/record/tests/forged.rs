@@ -7,13 +7,13 @@ use std::path::PathBuf;
 use foretrace_config::Config;
 use foretrace_record::explain;
 use foretrace_record::info::info;
-use foretrace_record::read::Reader;
+use foretrace_record::read::RecordingReader;
 use foretrace_record::repair::repair;
 use foretrace_record::replay::replay;
 use foretrace_record::table;
-use foretrace_record::topics::{Topic, thing_bytes};
+use foretrace_record::topics::{RecordingTopic, thing_bytes};
 use foretrace_record::what_if::what_if;
-use foretrace_record::write::{Facts, Output, part_of};
+use foretrace_record::write::{FileFacts, Output, part_of};
 use foretrace_shm::{PieceKind, Thing, TickInput, TickRecord, Wire, input_flags};
 use tempfile::TempDir;
 
@@ -42,19 +42,19 @@ fn ticks(count: u64) -> Vec<TickInput> {
 }
 
 fn written(place: &TempDir, name: &str, things: &[Thing], inputs: &[TickInput]) -> PathBuf {
-    let mut output = Output::create(&place.path().join(name), &Facts::new()).unwrap();
+    let mut output = Output::create(&place.path().join(name), &FileFacts::new()).unwrap();
     for thing in things {
-        output.put(Topic::Thing, 1, &thing_bytes(thing)).unwrap();
+        output.put(RecordingTopic::Thing, 1, &thing_bytes(thing)).unwrap();
     }
     for input in inputs {
         let mut bytes = Vec::new();
         input.put(&mut bytes);
-        output.put(Topic::Input, input.now_ns, &bytes).unwrap();
+        output.put(RecordingTopic::Input, input.now_ns, &bytes).unwrap();
         let mut bytes = Vec::new();
         TickRecord { tick: input.tick, release_ns: input.now_ns, ..Default::default() }.put(&mut bytes);
-        output.put(Topic::TickRaw, input.now_ns, &bytes).unwrap();
+        output.put(RecordingTopic::TickRaw, input.now_ns, &bytes).unwrap();
     }
-    output.finish(&Facts::new()).unwrap()
+    output.finish(&FileFacts::new()).unwrap()
 }
 
 #[test]
@@ -98,8 +98,8 @@ fn settings_of_a_recording_open_no_device() {
     let urdf = own.lines().find(|line| line.trim_start().starts_with("urdf")).unwrap();
     let forged = settings(own.replacen(urdf, "urdf = \"/dev/zero\"", 1));
     let file = written(&place, "device", &[forged], &ticks(10));
-    let told = replay(&file).unwrap_err().to_string();
-    assert!(told.contains("not a regular file"), "{told}");
+    let reported = replay(&file).unwrap_err().to_string();
+    assert!(reported.contains("not a regular file"), "{reported}");
 }
 
 #[test]
@@ -107,7 +107,7 @@ fn a_pipe_is_refused_instead_of_waited_for() {
     let place = TempDir::new().unwrap();
     let pipe = place.path().join("pipe");
     assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
-    assert!(Reader::open(&pipe).unwrap_err().to_string().contains("not a regular file"));
+    assert!(RecordingReader::open(&pipe).unwrap_err().to_string().contains("not a regular file"));
 }
 
 #[test]
@@ -118,10 +118,10 @@ fn schemas_are_shared_by_their_channels_and_bounded() {
         let mut writer = mcap::Writer::new(std::fs::File::create(&path).unwrap()).unwrap();
         let schema = writer.add_schema("T", "foretrace.wire", &vec![b'x'; bytes]).unwrap();
         for channel in 0..channels {
-            writer.add_channel(schema, &format!("/{channel}"), "x", &Facts::new()).unwrap();
+            writer.add_channel(schema, &format!("/{channel}"), "x", &FileFacts::new()).unwrap();
         }
         writer.finish().unwrap();
-        let mut reader = Reader::open(&path).unwrap();
+        let mut reader = RecordingReader::open(&path).unwrap();
         while reader.next_entry().unwrap().is_some() {}
         (reader.damage(), reader.channels().clone())
     };
@@ -179,7 +179,7 @@ fn damaged_bytes_behind_a_good_checksum_never_panic() {
         std::fs::write(&path, &bad).unwrap();
         heard += info(&path).map_or(0, |info| info.topics.values().sum());
         let _ = (explain::moments(&path), explain::tick(&path, 30), replay(&path), what_if(&path, &[], 1));
-        if let Ok(mut reader) = Reader::open(&path) {
+        if let Ok(mut reader) = RecordingReader::open(&path) {
             let _ = table::csv(&mut reader, "/raw/tick", 1, &[], &mut std::io::sink());
         }
     }
@@ -204,12 +204,12 @@ fn a_file_that_is_no_recording_gets_a_sentence() {
         (place.path().join("nowhere"), "cannot read"),
     ];
     for (path, words) in cases {
-        for told in [
+        for reported in [
             info(&path).unwrap_err().to_string(),
             replay(&path).unwrap_err().to_string(),
             repair(&path, &place.path().join("mended")).unwrap_err().to_string(),
         ] {
-            assert!(told.contains(words) && !told.contains('{'), "{told}");
+            assert!(reported.contains(words) && !reported.contains('{'), "{reported}");
         }
     }
     assert!(!part_of(&place.path().join("mended")).exists());

@@ -7,12 +7,12 @@ use std::path::Path;
 
 use foretrace_config::Config;
 use foretrace_record::info::info;
-use foretrace_record::read::Reader;
+use foretrace_record::read::RecordingReader;
 use foretrace_record::repair::repair;
 use foretrace_record::replay::replay;
-use foretrace_record::topics::{Topic, thing_bytes};
+use foretrace_record::topics::{RecordingTopic, thing_bytes};
 use foretrace_record::what_if::what_if;
-use foretrace_record::write::{Facts, Output};
+use foretrace_record::write::{FileFacts, Output};
 use foretrace_record::{explain, table};
 use foretrace_shm::{PieceKind, Thing, TickInput, TickRecord, Wire};
 use foretrace_sim::data::load_recording;
@@ -25,17 +25,17 @@ const MIB: u64 = 1024;
 fn recording(folder: &Path) -> Vec<u8> {
     let settings = Config::preset("ur5").unwrap().render().into_bytes();
     let settings = Thing { kind: PieceKind::Settings, number: 0, daemon_id: 1, bytes: settings };
-    let facts = Facts::from([("version".to_owned(), "0.0.1".to_owned())]);
+    let facts = FileFacts::from([("version".to_owned(), "0.0.1".to_owned())]);
     let mut output = Output::create(&folder.join("whole.mcap"), &facts).unwrap();
-    output.put(Topic::Thing, 1, &thing_bytes(&settings)).unwrap();
+    output.put(RecordingTopic::Thing, 1, &thing_bytes(&settings)).unwrap();
     for tick in 1..20_u64 {
         let now_ns = 10_000_000_000 + tick * 2_000_000;
         let mut bytes = Vec::new();
         TickInput { tick, now_ns, daemon_id: 1, parts: 1, ..Default::default() }.put(&mut bytes);
-        output.put(Topic::Input, now_ns, &bytes).unwrap();
+        output.put(RecordingTopic::Input, now_ns, &bytes).unwrap();
         let mut bytes = Vec::new();
         TickRecord { tick, release_ns: now_ns, ..Default::default() }.put(&mut bytes);
-        output.put(Topic::TickRaw, now_ns, &bytes).unwrap();
+        output.put(RecordingTopic::TickRaw, now_ns, &bytes).unwrap();
     }
     std::fs::read(output.finish(&facts).unwrap()).unwrap()
 }
@@ -62,20 +62,20 @@ fn opened(bytes: &[u8]) -> [Vec<u8>; 2] {
 fn read_by_all(path: &Path, folder: &Path) {
     let mended = folder.join("mended.mcap");
     let _ = std::fs::remove_file(&mended);
-    let told = [
+    let reported = [
         info(path).err().map(|error| error.to_string()),
         explain::moments(path).err().map(|error| error.to_string()),
         replay(path).err().map(|error| error.to_string()),
         what_if(path, &[], 1).err().map(|error| error.to_string()),
         repair(path, &mended).err().map(|error| error.to_string()),
         load_recording(path).err().map(|error| error.to_string()),
-        Reader::open(path).ok().and_then(|mut reader| {
+        RecordingReader::open(path).ok().and_then(|mut reader| {
             let made = table::csv(&mut reader, "/raw/tick", 1, &[], &mut std::io::sink());
             made.err().map(|error| error.to_string())
         }),
     ];
-    for told in told.into_iter().flatten() {
-        assert!(!told.is_empty() && told.len() < 20_000, "{} bytes: {told:.300}", told.len());
+    for reported in reported.into_iter().flatten() {
+        assert!(!reported.is_empty() && reported.len() < 20_000, "{} bytes: {reported:.300}", reported.len());
     }
     if mended.exists() {
         assert_eq!(info(&mended).unwrap().damage, None);
@@ -129,8 +129,8 @@ fn what_a_killed_program_left_blocks_no_second_try() {
     // Somebody else is at it.
     let other = std::fs::File::open(&left).unwrap();
     other.lock().unwrap();
-    let told = repair(&whole, &target).unwrap_err().to_string();
-    assert!(told.contains("out.mcap.partial is being written"), "{told}");
+    let reported = repair(&whole, &target).unwrap_err().to_string();
+    assert!(reported.contains("out.mcap.partial is being written"), "{reported}");
     assert_eq!(std::fs::read(&left).unwrap(), b"half");
     // It was killed.
     drop(other);
@@ -147,6 +147,6 @@ fn what_a_killed_program_left_blocks_no_second_try() {
         std::fs::write(foretrace_record::write::part_of(&target), &bytes).unwrap();
         let aside = foretrace_record::repair::mend_leftovers(&target).unwrap();
         assert_eq!((aside.len(), std::fs::read(&aside[0].0).unwrap()), (1, bytes));
-        drop(Output::create(&target, &Facts::new()).unwrap());
+        drop(Output::create(&target, &FileFacts::new()).unwrap());
     }
 }

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use foretrace_record::explain::moments;
 use foretrace_record::info::info;
 use foretrace_record::pen::pen_samples;
-use foretrace_record::read::Reader;
+use foretrace_record::read::RecordingReader;
 use foretrace_record::table;
 use foretrace_record::topics::layouts;
 
@@ -29,14 +29,15 @@ fn every_kept_recording_is_read_whatever_its_layouts() {
     assert!(!files.is_empty());
     for path in files {
         let name = path.display();
-        let told = info(&path).unwrap();
-        assert_eq!(told.damage, None, "{name}");
-        assert!(told.begin.contains_key("version") && told.laws.len() == 1, "{name}: {told:?}");
-        assert_eq!(told.missing_ticks, 0, "{name}");
+        let reported = info(&path).unwrap();
+        assert_eq!(reported.damage, None, "{name}");
+        assert!(reported.begin.contains_key("version") && reported.laws.len() == 1, "{name}: {reported:?}");
+        assert_eq!(reported.missing_ticks, 0, "{name}");
         for topic in ["/raw/tick", "/raw/input", "/raw/status"] {
             let mut csv = Vec::new();
-            let rows = table::csv(&mut Reader::open(&path).unwrap(), topic, 1, &[], &mut csv).unwrap();
-            assert_eq!(told.topics.get(topic), Some(&rows), "{name}: {topic}");
+            let rows =
+                table::csv(&mut RecordingReader::open(&path).unwrap(), topic, 1, &[], &mut csv).unwrap();
+            assert_eq!(reported.topics.get(topic), Some(&rows), "{name}: {topic}");
             let text = String::from_utf8(csv).unwrap();
             let columns = text.lines().next().unwrap().split(',').count();
             assert!(columns > 20 && text.contains("tick [1]"), "{name}: {topic}: {columns} columns");
@@ -44,14 +45,14 @@ fn every_kept_recording_is_read_whatever_its_layouts() {
         }
         // Explaining needs the tick records only, whatever became of the rest.
         let explained = moments(&path);
-        if told.foreign.iter().any(|topic| topic == "/raw/tick") {
+        if reported.foreign.iter().any(|topic| topic == "/raw/tick") {
             let refused = explained.unwrap_err().to_string();
             assert!(refused.contains("/raw/tick have another layout"), "{name}: {refused}");
         } else {
             assert!(!explained.unwrap().moments.is_empty(), "{name}");
         }
         let mut seen = Vec::new();
-        let mut reader = Reader::open(&path).unwrap();
+        let mut reader = RecordingReader::open(&path).unwrap();
         let keep = |sample| {
             seen.push(sample);
             Ok::<(), ()>(())

@@ -4,8 +4,8 @@ use std::path::PathBuf;
 
 use foretrace_config::Config;
 use foretrace_record::page::of_recording;
-use foretrace_record::topics::{Topic, thing_bytes};
-use foretrace_record::write::{Facts, Output};
+use foretrace_record::topics::{RecordingTopic, thing_bytes};
+use foretrace_record::write::{FileFacts, Output};
 use foretrace_shm::{GhostState, Mode, PieceKind, Thing, TickRecord, Wire, pen_flags};
 use serde_json::Value;
 use tempfile::TempDir;
@@ -68,16 +68,16 @@ fn without_ghost(record: TickRecord) -> TickRecord {
 
 fn written(place: &TempDir, name: &str, things: &[Thing], ticks: &[TickRecord]) -> PathBuf {
     let target = place.path().join(name);
-    let mut output = Output::create(&target, &Facts::new()).unwrap();
+    let mut output = Output::create(&target, &FileFacts::new()).unwrap();
     for thing in things {
-        output.put(Topic::Thing, 1, &thing_bytes(thing)).unwrap();
+        output.put(RecordingTopic::Thing, 1, &thing_bytes(thing)).unwrap();
     }
     for record in ticks {
         let mut bytes = Vec::new();
         record.put(&mut bytes);
-        output.put(Topic::TickRaw, record.release_ns, &bytes).unwrap();
+        output.put(RecordingTopic::TickRaw, record.release_ns, &bytes).unwrap();
     }
-    output.finish(&Facts::new()).unwrap()
+    output.finish(&FileFacts::new()).unwrap()
 }
 
 /// The frames that a page holds.
@@ -94,8 +94,8 @@ fn places(series: &Value) -> usize {
 fn a_recording_makes_a_page_with_pen_arm_and_ghost_that_asks_for_nothing() {
     let place = TempDir::new().unwrap();
     let file = written(&place, "run.mcap", &[settings()], &ticks(6, 500));
-    let (page, told) = of_recording(&file).unwrap();
-    assert!(!told.moments.is_empty() && told.damage.is_none());
+    let (page, reported) = of_recording(&file).unwrap();
+    assert!(!reported.moments.is_empty() && reported.damage.is_none());
     let moved = frames(&page);
     for series in ["pen", "arm", "ghost"] {
         assert!(places(&moved[series]) > 500, "{series}");
@@ -177,13 +177,13 @@ fn forged_numbers_are_left_out_and_the_page_stays_small() {
 fn what_a_page_cannot_do_without_is_said() {
     let place = TempDir::new().unwrap();
     let says = |file: PathBuf| of_recording(&file).unwrap_err().to_string();
-    let told = says(written(&place, "bare.mcap", &[], &ticks(2, 200)));
-    assert!(told.contains("the arm's geometry is not known: it holds no settings"), "{told}");
+    let reported = says(written(&place, "bare.mcap", &[], &ticks(2, 200)));
+    assert!(reported.contains("the arm's geometry is not known: it holds no settings"), "{reported}");
     let idle: Vec<_> =
         ticks(2, 200).into_iter().map(|record| TickRecord { mode: Mode::Armed.into(), ..record }).collect();
-    let told = says(written(&place, "idle.mcap", &[settings()], &idle));
-    assert!(told.contains("the loop never follows a pen in it"), "{told}");
+    let reported = says(written(&place, "idle.mcap", &[settings()], &idle));
+    assert!(reported.contains("the loop never follows a pen in it"), "{reported}");
     let foreign = Thing { bytes: b"[robot]\nname = 7".to_vec(), ..settings() };
-    let told = says(written(&place, "foreign.mcap", &[foreign], &ticks(2, 200)));
-    assert!(told.contains("the arm's geometry is not known"), "{told}");
+    let reported = says(written(&place, "foreign.mcap", &[foreign], &ticks(2, 200)));
+    assert!(reported.contains("the arm's geometry is not known"), "{reported}");
 }

@@ -13,13 +13,13 @@ use foretrace_control::units::Stamp;
 use foretrace_record::RecordError;
 use foretrace_record::info::info;
 use foretrace_record::picture::draw;
-use foretrace_record::read::{Ended, Reader};
+use foretrace_record::read::{Ended, RecordingReader};
 use foretrace_record::repair::{mend_leftovers, repair};
-use foretrace_record::replay::{End, Outcome, ReplayError, Start, replay};
+use foretrace_record::replay::{ReplayEnd, ReplayError, ReplayOutcome, ReplayStart, replay};
 use foretrace_record::table;
-use foretrace_record::topics::{Topic, thing_bytes};
+use foretrace_record::topics::{RecordingTopic, thing_bytes};
 use foretrace_record::what_if::{Variant, what_if};
-use foretrace_record::write::{Facts, Output, part_of};
+use foretrace_record::write::{FileFacts, Output, part_of};
 use foretrace_shm::{PieceKind, Thing, TickInput, Wire};
 use foretrace_sim::arm::{ArmModel, ArmSettings};
 use foretraced::wire::{self, Given};
@@ -124,23 +124,23 @@ fn written<'a>(
     inputs: impl IntoIterator<Item = &'a TickInput>,
 ) -> PathBuf {
     let target = place.path().join(name);
-    let facts = Facts::from([("version".to_owned(), "0.0.1".to_owned())]);
+    let facts = FileFacts::from([("version".to_owned(), "0.0.1".to_owned())]);
     let mut output = Output::create(&target, &facts).unwrap();
     for thing in things {
-        output.put(Topic::Thing, 1, &thing_bytes(thing)).unwrap();
+        output.put(RecordingTopic::Thing, 1, &thing_bytes(thing)).unwrap();
     }
     for (index, input) in inputs.into_iter().enumerate() {
         let mut bytes = Vec::new();
         input.put(&mut bytes);
-        output.put(Topic::Input, input.now_ns, &bytes).unwrap();
+        output.put(RecordingTopic::Input, input.now_ns, &bytes).unwrap();
         if index % 100 == 99 {
             output.flush().unwrap();
         }
     }
-    output.finish(&Facts::new()).unwrap()
+    output.finish(&FileFacts::new()).unwrap()
 }
 
-fn replayed(file: &Path) -> Outcome {
+fn replayed(file: &Path) -> ReplayOutcome {
     replay(file).unwrap_or_else(|error| panic!("{error}"))
 }
 
@@ -149,14 +149,17 @@ fn a_recording_replays_bit_for_bit_from_the_first_tick_and_from_a_state() {
     let (place, lived, set) = (TempDir::new().unwrap(), lived(), offered());
     let whole = written(&place, "whole.mcap", &[&lived.settings, &set], &lived.inputs);
     let outcome = replayed(&whole);
-    assert_eq!((outcome.start, outcome.ticks, &outcome.end), (Start::FirstTick, TICKS, &End::OfRecording));
+    assert_eq!(
+        (outcome.start, outcome.ticks, &outcome.end),
+        (ReplayStart::FirstTick, TICKS, &ReplayEnd::OfRecording)
+    );
     assert_eq!((outcome.difference, outcome.largest_rad), (None, 0.0));
     assert_eq!((outcome.recorded_build, outcome.same_build), (None, None));
 
     let late = lived.inputs.iter().filter(|input| input.tick > CUT - 20);
     let late = written(&place, "late.mcap", &[&lived.settings, &lived.state, &set], late);
     let outcome = replayed(&late);
-    assert_eq!((outcome.start, outcome.ticks, outcome.difference), (Start::State, TICKS - CUT, None));
+    assert_eq!((outcome.start, outcome.ticks, outcome.difference), (ReplayStart::State, TICKS - CUT, None));
     assert!(lived.inputs.iter().any(|input| input.parts > 1), "no burst");
     // Whose law it was is known for each daemon.
     let other = Thing { daemon_id: 6, bytes: b"abc".to_vec(), ..lived.law.clone() };
@@ -189,7 +192,7 @@ fn the_first_difference_is_named_and_measured() {
     let cut = place.path().join("cut.mcap");
     std::fs::write(&cut, &bytes[..bytes.len() / 2]).unwrap();
     let early = replayed(&cut);
-    assert!(early.difference.is_none() && matches!(early.end, End::Damaged { .. }), "{early:?}");
+    assert!(early.difference.is_none() && matches!(early.end, ReplayEnd::Damaged { .. }), "{early:?}");
     assert!((outcome.largest_rad - 1e-3).abs() < 1e-9, "{}", outcome.largest_rad);
 }
 
@@ -203,29 +206,29 @@ fn what_is_missing_ends_a_replay_and_is_said() {
     };
     let all = || lived.inputs.clone();
     let gap = all().into_iter().filter(|input| input.tick != 222).collect();
-    assert_eq!(end("gap", &[&lived.settings, &set], gap), (221, End::Gap { next: 223 }));
+    assert_eq!(end("gap", &[&lived.settings, &set], gap), (221, ReplayEnd::Gap { next: 223 }));
     let no_set = end("set", &[&lived.settings], all());
-    assert_eq!(no_set, (199, End::NoWeights { version: set.number }));
+    assert_eq!(no_set, (199, ReplayEnd::NoWeights { version: set.number }));
     // What is missing in a damaged file may have been lost with its end.
     let file = written(&place, "ends", &[&lived.settings], &all());
     let bytes = std::fs::read(&file).unwrap();
     std::fs::write(&file, &bytes[..bytes.len() * 3 / 4]).unwrap();
     let early = replayed(&file);
-    assert!(matches!(early.end, End::NoWeights { .. }) && early.damage.is_some(), "{early:?}");
+    assert!(matches!(early.end, ReplayEnd::NoWeights { .. }) && early.damage.is_some(), "{early:?}");
     let lost_part = all().into_iter().filter(|input| !(input.tick == 120 && input.part == 0)).collect();
-    assert_eq!(end("part", &[&lived.settings, &set], lost_part), (119, End::Incomplete));
+    assert_eq!(end("part", &[&lived.settings, &set], lost_part), (119, ReplayEnd::Incomplete));
     let mut other = all();
     other.iter_mut().filter(|input| input.tick > 250).for_each(|input| input.daemon_id = 6);
-    assert_eq!(end("other", &[&lived.settings, &set], other), (250, End::OtherDaemon));
+    assert_eq!(end("other", &[&lived.settings, &set], other), (250, ReplayEnd::OtherDaemon));
 
     let late: Vec<_> = all().into_iter().filter(|input| input.tick > 30).collect();
     let file = written(&place, "start", &[&lived.settings, &set], &late);
     assert!(matches!(replay(&file), Err(ReplayError::NoStart)));
     let file = written(&place, "settings", &[&set], &all());
     assert!(matches!(replay(&file), Err(ReplayError::NoSettings)));
-    let told = info(&written(&place, "told", &[&lived.settings, &lived.state], &late)).unwrap();
-    assert_eq!((told.ticks, told.missing_ticks, told.states), (Some((31, TICKS)), 0, vec![CUT]));
-    assert_eq!((told.damage, told.begin["version"].as_str()), (None, "0.0.1"));
+    let reported = info(&written(&place, "told", &[&lived.settings, &lived.state], &late)).unwrap();
+    assert_eq!((reported.ticks, reported.missing_ticks, reported.states), (Some((31, TICKS)), 0, vec![CUT]));
+    assert_eq!((reported.damage, reported.begin["version"].as_str()), (None, "0.0.1"));
 }
 
 #[test]
@@ -260,23 +263,23 @@ fn a_killed_recording_keeps_all_but_its_last_chunk_and_can_be_mended() {
 fn nothing_is_overwritten_and_two_recorders_do_not_share_a_file() {
     let place = TempDir::new().unwrap();
     let target = place.path().join("a.mcap");
-    let first = Output::create(&target, &Facts::new()).unwrap();
-    let second = Output::create(&target, &Facts::new());
+    let first = Output::create(&target, &FileFacts::new()).unwrap();
+    let second = Output::create(&target, &FileFacts::new());
     assert!(matches!(second, Err(RecordError::Busy { .. })), "{second:?}");
     let busy = mend_leftovers(&target);
     assert!(matches!(busy, Err(RecordError::Busy { .. })), "{busy:?}");
     std::fs::write(&target, "mine").unwrap();
-    assert!(matches!(first.finish(&Facts::new()), Err(RecordError::Exists { .. })));
+    assert!(matches!(first.finish(&FileFacts::new()), Err(RecordError::Exists { .. })));
     assert_eq!(std::fs::read(&target).unwrap(), b"mine");
     assert!(part_of(&target).exists(), "what was recorded is still there");
     std::fs::remove_file(&target).unwrap();
-    let third = Output::create(&target, &Facts::new());
+    let third = Output::create(&target, &FileFacts::new());
     assert!(matches!(third, Err(RecordError::Exists { .. })), "nobody is at it, and it is kept: {third:?}");
 
     let other = place.path().join("b.mcap");
     // A killed recorder had begun further files of the same recording; others are not of it.
     for left in ["b.mcap", "b.12.mcap", "b.3.mcap", "b.x.mcap", "b.3.4.mcap", "c.3.mcap"] {
-        drop(Output::create(&place.path().join(left), &Facts::new()).unwrap());
+        drop(Output::create(&place.path().join(left), &FileFacts::new()).unwrap());
     }
     let mend = || mend_leftovers(&other).unwrap();
     let mended: Vec<_> = mend().into_iter().map(|(mended, _)| mended).collect();
@@ -297,7 +300,7 @@ fn another_layout_is_refused_by_name_and_still_listed_and_tabled() {
     let table = b"layout 0123456789abcdef size 24\ntick 0 8 u64\njoints_us 8 8 u64\nq 16 8 f32*2\n";
     let mut writer = mcap::Writer::new(std::fs::File::create(&path).unwrap()).unwrap();
     let schema = writer.add_schema("TickInput", "foretrace.wire", table).unwrap();
-    let channel = writer.add_channel(schema, "/raw/input", "foretrace.wire", &Facts::new()).unwrap();
+    let channel = writer.add_channel(schema, "/raw/input", "foretrace.wire", &FileFacts::new()).unwrap();
     for tick in 1..=4_u64 {
         let mut data = tick.to_le_bytes().to_vec();
         data.extend((tick * 1000).to_le_bytes());
@@ -312,19 +315,19 @@ fn another_layout_is_refused_by_name_and_still_listed_and_tabled() {
         writer.write_to_known_channel(&header, &data).unwrap();
     }
     writer.finish().unwrap();
-    let told = info(&path).unwrap();
-    assert_eq!((told.foreign, told.topics["/raw/input"]), (vec!["/raw/input".to_owned()], 4));
+    let reported = info(&path).unwrap();
+    assert_eq!((reported.foreign, reported.topics["/raw/input"]), (vec!["/raw/input".to_owned()], 4));
     let refused = replay(&path).unwrap_err().to_string();
     assert!(refused.contains("/raw/input have another layout"), "{refused}");
     let mut out = Vec::new();
-    let mut reader = Reader::open(&path).unwrap();
+    let mut reader = RecordingReader::open(&path).unwrap();
     assert_eq!(table::csv(&mut reader, "/raw/input", 2, &[], &mut out).unwrap(), 2);
     let text = String::from_utf8(out).unwrap();
     assert_eq!(
         text,
         "time [ns since 1970],tick [1],joints_us [1],q[0] [rad],q[1] [rad]\n1,1,1000,0.5,-1.5\n3,3,3000,0.5,-1.5\n"
     );
-    let mut reader = Reader::open(&path).unwrap();
+    let mut reader = RecordingReader::open(&path).unwrap();
     let unknown = table::csv(&mut reader, "/raw/input", 1, &["qd".to_owned()], &mut Vec::new());
     assert!(unknown.unwrap_err().to_string().contains("there are: tick, joints_us, q"));
 }
@@ -430,13 +433,13 @@ fn another_law_is_judged_by_the_same_hand_behind_the_arm_of_the_recording() {
     let early = what_if(&cut, &[], 1).unwrap_or_else(|error| panic!("{error}"));
     assert!(answer.damage.is_none() && early.damage.is_some() && early.seconds < answer.seconds);
     let wrong = Variant::parse("mpc.horizon=7").unwrap();
-    let told = what_if(&file, &[wrong], 1).unwrap_err().to_string();
-    assert!(told.contains("mpc.horizon") && told.contains("10, 20"), "{told}");
+    let reported = what_if(&file, &[wrong], 1).unwrap_err().to_string();
+    assert!(reported.contains("mpc.horizon") && reported.contains("10, 20"), "{reported}");
     let short = written(&place, "short.mcap", &[&settings], &inputs[..40]);
-    let told = what_if(&short, &variants, 1).unwrap_err().to_string();
+    let reported = what_if(&short, &variants, 1).unwrap_err().to_string();
     assert!(
-        told.contains("cannot be told from the recording") || told.contains("the recording has"),
-        "{told}"
+        reported.contains("cannot be told from the recording") || reported.contains("the recording has"),
+        "{reported}"
     );
 }
 
@@ -468,7 +471,7 @@ fn damaged_bytes_never_panic_and_reading_them_ends() {
         }
         let path = place.path().join("bad.mcap");
         std::fs::write(&path, &bad).unwrap();
-        if let Ok(mut reader) = Reader::open(&path) {
+        if let Ok(mut reader) = RecordingReader::open(&path) {
             while let Ok(Some(_)) = reader.next_entry() {}
             cut += u64::from(matches!(reader.ended(), Some(Ended::Cut { .. })));
         }

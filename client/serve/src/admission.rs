@@ -14,14 +14,13 @@ pub const AGE_NS: u64 = 1_000_000_000;
 
 /// Why a sample did not pass.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Refusal {
+pub enum SampleRefusal {
     /// The sample itself is invalid.
     Wrong(Rejection),
-    /// Over the rate.
     OverTheRate,
 }
 
-impl Refusal {
+impl SampleRefusal {
     /// The reason as a word to count by.
     #[must_use]
     pub const fn label(self) -> &'static str {
@@ -34,14 +33,14 @@ impl Refusal {
 
 /// A token bucket in integers: the cost of a sample and the capacity, as time \[ns\].
 #[derive(Debug, Clone, Copy)]
-struct Bucket {
+struct TokenBucket {
     cost_ns: u64,
     full_ns: u64,
     saved_ns: u64,
     filled_at_ns: u64,
 }
 
-impl Bucket {
+impl TokenBucket {
     /// Full at `now_ns`. `rate`: samples per second; `burst`: samples at once. Both at least 1.
     fn new(rate: u32, burst: u32, now_ns: u64) -> Self {
         let cost_ns = (1_000_000_000 / u64::from(rate.max(1))).max(1);
@@ -64,7 +63,7 @@ impl Bucket {
 /// The gateway's judgement of samples and what it remembers.
 #[derive(Debug)]
 pub struct Admission {
-    bucket: Bucket,
+    bucket: TokenBucket,
     last_ns: Option<u64>,
 }
 
@@ -72,7 +71,7 @@ impl Admission {
     /// `rate` \[samples/s\] in the long run, up to `burst` samples at once.
     #[must_use]
     pub fn new(rate: u32, burst: u32, now_ns: u64) -> Self {
-        Self { bucket: Bucket::new(rate, burst, now_ns), last_ns: None }
+        Self { bucket: TokenBucket::new(rate, burst, now_ns), last_ns: None }
     }
 
     /// Passes or refuses `sample` at `now_ns`; wrong samples use up the rate, too.
@@ -80,15 +79,15 @@ impl Admission {
     /// # Errors
     ///
     /// Why it is refused.
-    pub fn judge(&mut self, sample: &PenSample, now_ns: u64) -> Result<(), Refusal> {
+    pub fn judge(&mut self, sample: &PenSample, now_ns: u64) -> Result<(), SampleRefusal> {
         if !self.bucket.take(now_ns) {
-            return Err(Refusal::OverTheRate);
+            return Err(SampleRefusal::OverTheRate);
         }
-        sample.validate().map_err(Refusal::Wrong)?;
+        sample.validate().map_err(SampleRefusal::Wrong)?;
         let stamp = sample.device_stamp_ns;
         let wrong = |reason, ns: u64, bound_ns: u64| {
             let evidence = Rejection::new(reason, "device_stamp_ns");
-            Err(Refusal::Wrong(evidence.because(ns as f64 * 1e-9, bound_ns as f64 * 1e-9)))
+            Err(SampleRefusal::Wrong(evidence.because(ns as f64 * 1e-9, bound_ns as f64 * 1e-9)))
         };
         let (ahead_ns, age_ns) = (stamp.saturating_sub(now_ns), now_ns.saturating_sub(stamp));
         if ahead_ns > FUTURE_NS {
@@ -110,7 +109,7 @@ impl Admission {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::frames::{Frames, Over};
+    use crate::frames::{FrameBuffer, Over};
     use foretrace_shm::gateway::{BODY_BYTES, FRAME_BYTES, Frame};
 
     const NOW: u64 = 5_000_000_000;
@@ -119,7 +118,7 @@ mod tests {
         PenSample { device_stamp_ns: stamp_ns, x_m: 0.1, y_m: 0.2, pressure: -1.0, ..Default::default() }
     }
 
-    fn reason(result: Result<(), Refusal>) -> &'static str {
+    fn reason(result: Result<(), SampleRefusal>) -> &'static str {
         result.unwrap_err().label()
     }
 
@@ -189,7 +188,7 @@ mod tests {
         let (mut now, mut passed, mut refused, mut broken) = (NOW, 0_u64, 0_u64, 0_u64);
         let (rate, burst) = (2000, 50);
         let mut admission = Admission::new(rate, burst, now);
-        let mut frames = Frames::new(BODY_BYTES..=BODY_BYTES);
+        let mut frames = FrameBuffer::new(BODY_BYTES..=BODY_BYTES);
         let mut last = 0;
         for _ in 0..cases {
             now += dice() >> 46;
@@ -210,7 +209,7 @@ mod tests {
             };
             let Some(frame) = frame else {
                 broken += 1;
-                frames = Frames::new(BODY_BYTES..=BODY_BYTES);
+                frames = FrameBuffer::new(BODY_BYTES..=BODY_BYTES);
                 continue;
             };
             match admission.judge(&frame.0, now) {

@@ -26,13 +26,13 @@ pub enum Over {
 
 /// What came and was not taken yet.
 #[derive(Debug)]
-pub struct Frames {
+pub struct FrameBuffer {
     bytes: Vec<u8>,
     taken: usize,
     lengths: RangeInclusive<u32>,
 }
 
-impl Frames {
+impl FrameBuffer {
     /// Of frames with these lengths.
     #[must_use]
     pub const fn new(lengths: RangeInclusive<u32>) -> Self {
@@ -60,7 +60,7 @@ impl Frames {
     ///
     /// # Errors
     ///
-    /// As [`Frames::fill`].
+    /// As [`FrameBuffer::fill`].
     pub fn read_once(&mut self, stream: &mut impl Read, most: usize) -> Result<usize, Over> {
         self.bytes.drain(..self.taken);
         self.taken = 0;
@@ -136,7 +136,7 @@ mod tests {
         let sent: Vec<Vec<u8>> = (0..200_u8).map(|number| vec![number; 1 + dice.below(60)]).collect();
         let bytes: Vec<u8> = sent.iter().flat_map(|body| framed(&[&body[..1], &body[1..]])).collect();
         for _ in 0..50 {
-            let (mut frames, mut got, mut rest) = (Frames::new(1..=60), Vec::new(), bytes.as_slice());
+            let (mut frames, mut got, mut rest) = (FrameBuffer::new(1..=60), Vec::new(), bytes.as_slice());
             while !rest.is_empty() {
                 let (piece, later) = rest.split_at((1 + dice.below(130)).min(rest.len()));
                 rest = later;
@@ -152,12 +152,12 @@ mod tests {
 
     #[test]
     fn a_wrong_length_is_noticed_before_the_rest_has_come_and_an_end_after_what_came_before() {
-        let mut frames = Frames::new(48..=48);
+        let mut frames = FrameBuffer::new(48..=48);
         frames.read_once(&mut &[47, 0, 0][..], 4096).unwrap();
         assert_eq!(frames.next_frame(), Ok(None));
         frames.read_once(&mut &[0][..], 4096).unwrap();
         assert_eq!(frames.next_frame(), Err(Over::Length(47)));
-        let mut frames = Frames::new(0..=8);
+        let mut frames = FrameBuffer::new(0..=8);
         assert_eq!(frames.fill(&mut framed(&[&[1, 2]]).as_slice(), 1000), Err(Over::Ended));
         assert_eq!(frames.next_frame(), Ok(Some(&[1, 2][..])));
         assert_eq!(frames.pending(), 0);
@@ -165,7 +165,7 @@ mod tests {
 
     #[test]
     fn no_more_is_taken_in_than_asked_for_and_one_read() {
-        let mut frames = Frames::new(0..=8);
+        let mut frames = FrameBuffer::new(0..=8);
         frames.fill(&mut std::io::repeat(0), 3 * CHUNK_BYTES - 1).unwrap();
         assert_eq!(frames.pending(), 3 * CHUNK_BYTES);
     }
@@ -175,7 +175,7 @@ mod tests {
         let mut dice = Dice(99);
         for _ in 0..10_000 {
             let bytes: Vec<u8> = (0..1 + dice.below(300)).map(|_| dice.below(256) as u8).collect();
-            let mut frames = Frames::new(48..=48);
+            let mut frames = FrameBuffer::new(48..=48);
             frames.read_once(&mut bytes.as_slice(), 4096).unwrap();
             assert_eq!(frames.next_frame().is_err(), bytes.len() >= LENGTH_BYTES, "{bytes:?}");
         }

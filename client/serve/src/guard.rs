@@ -10,7 +10,7 @@ use std::net::{IpAddr, SocketAddr};
 /// Bytes of a token.
 const TOKEN_BYTES: usize = 16;
 
-/// What a peer has to present before it may control anything. Made anew at each start.
+/// What a peer has to present before it may control anything. Another one at each start.
 #[derive(Clone, PartialEq, Eq)]
 pub struct Token(String);
 
@@ -56,7 +56,7 @@ struct Literal {
 
 /// The hosts under which a server may be asked for, and the origins of the pages that may talk to it.
 #[derive(Debug, Clone)]
-pub struct Guard {
+pub struct HostGuard {
     scheme: &'static str,
     hosts: Vec<String>,
     /// Literal addresses with this port are hosts too.
@@ -67,12 +67,11 @@ pub struct Guard {
     local_pages: bool,
 }
 
-impl Guard {
+impl HostGuard {
     /// Of a server in the clear on the loopback address, at `port`.
     #[must_use]
     pub fn local(port: u16) -> Self {
-        let hosts = ["127.0.0.1", "localhost"].map(|host| format!("{host}:{port}")).to_vec();
-        Self { scheme: "http://", hosts, literal: None, origins: Vec::new(), local_pages: false }
+        Self::of("http://", ["127.0.0.1", "localhost"].map(|host| format!("{host}:{port}")).to_vec())
     }
 
     /// Of a server under TLS at these addresses and these names of this machine.
@@ -80,8 +79,8 @@ impl Guard {
     pub fn secure(at: &[SocketAddr], names: &[String]) -> Self {
         let port = at.first().map_or(0, SocketAddr::port);
         let named = names.iter().map(|name| format!("{name}:{port}"));
-        let hosts = also_without(":443", at.iter().map(ToString::to_string).chain(named).collect());
-        Self { scheme: "https://", hosts, literal: None, origins: Vec::new(), local_pages: false }
+        let hosts = at.iter().map(ToString::to_string).chain(named).collect();
+        Self::of("https://", also_without(":443", hosts))
     }
 
     /// Of a server in the clear that listens at `at`, for pages of this machine and of `origins`. Where `at`
@@ -92,7 +91,12 @@ impl Guard {
         let port = at.port();
         let hosts = also_without(":80", vec![format!("localhost:{port}")]);
         let literal = Some(Literal { port, loopback: at.ip().is_loopback() });
-        Self { scheme: "http://", hosts, literal, origins, local_pages: true }
+        Self { literal, origins, local_pages: true, ..Self::of("http://", hosts) }
+    }
+
+    /// Of `hosts` alone, and of pages of theirs.
+    const fn of(scheme: &'static str, hosts: Vec<String>) -> Self {
+        Self { scheme, hosts, literal: None, origins: Vec::new(), local_pages: false }
     }
 
     /// Whether the `Host` of a request is this server's.
@@ -100,10 +104,12 @@ impl Guard {
     pub fn is_host(&self, host: &str) -> bool {
         self.is_listed(host)
             || self.literal.is_some_and(|literal| {
-                let (name, port) = host.rsplit_once(':').unwrap_or((host, "80"));
-                let address = name.trim_start_matches('[').trim_end_matches(']').parse::<IpAddr>();
-                port.parse() == Ok(literal.port)
-                    && address.is_ok_and(|address| address.is_loopback() || !literal.loopback)
+                let bracketed = host.strip_prefix('[').and_then(|rest| rest.split_once(']'));
+                let colon = host.find(':').unwrap_or(host.len());
+                let (name, port) = bracketed.unwrap_or_else(|| host.split_at(colon));
+                let port = if port.is_empty() { Some("80") } else { port.strip_prefix(':') };
+                port.and_then(|port| port.parse().ok()) == Some(literal.port)
+                    && name.parse::<IpAddr>().is_ok_and(|at| at.is_loopback() || !literal.loopback)
             })
     }
 
@@ -148,7 +154,7 @@ mod tests {
 
     #[test]
     fn only_names_of_this_machine_with_this_port_are_its_own() {
-        let guard = Guard::local(8420);
+        let guard = HostGuard::local(8420);
         for host in ["127.0.0.1:8420", "localhost:8420", "LOCALHOST:8420"] {
             assert!(guard.is_host(host) && guard.is_origin(&format!("http://{host}")), "{host}");
         }
@@ -171,7 +177,7 @@ mod tests {
     #[test]
     fn under_tls_only_the_addresses_and_names_that_it_was_started_on_are_its_own() {
         let at = ["127.0.0.1:8420", "192.0.2.2:8420", "[fd00::2]:8420"].map(|at| at.parse().unwrap());
-        let guard = Guard::secure(&at, &["localhost".to_owned(), "desk".to_owned()]);
+        let guard = HostGuard::secure(&at, &["localhost".to_owned(), "desk".to_owned()]);
         for host in ["192.0.2.2:8420", "[fd00::2]:8420", "Desk:8420", "localhost:8420"] {
             assert!(guard.is_host(host) && guard.is_origin(&format!("https://{host}")), "{host}");
             assert!(!guard.is_origin(&format!("http://{host}")), "{host}");
@@ -179,13 +185,13 @@ mod tests {
         for host in ["192.0.2.3:8420", "192.0.2.2", "desk", "desk.evil.example:8420"] {
             assert!(!guard.is_host(host) && !guard.is_origin(&format!("https://{host}")), "{host}");
         }
-        assert!(Guard::secure(&["192.0.2.2:443".parse().unwrap()], &[]).is_host("192.0.2.2"));
+        assert!(HostGuard::secure(&["192.0.2.2:443".parse().unwrap()], &[]).is_host("192.0.2.2"));
     }
 
     #[test]
     fn a_server_for_pages_knows_this_machine_only_and_lets_pages_of_it_and_of_a_list_talk() {
         let guard =
-            Guard::of_pages("127.0.0.1:8765".parse().unwrap(), vec!["https://mine.example".to_owned()]);
+            HostGuard::of_pages("127.0.0.1:8765".parse().unwrap(), vec!["https://mine.example".to_owned()]);
         for host in ["127.0.0.1:8765", "LOCALHOST:8765", "[::1]:8765", "127.0.0.2:8765"] {
             assert!(guard.is_host(host), "{host}");
         }
@@ -202,9 +208,36 @@ mod tests {
         {
             assert!(!guard.is_origin(origin), "{origin}");
         }
-        let open = Guard::of_pages("0.0.0.0:8765".parse().unwrap(), Vec::new());
+        let open = HostGuard::of_pages("0.0.0.0:8765".parse().unwrap(), Vec::new());
         assert!(open.is_host("192.0.2.7:8765") && open.is_host("[fd00::2]:8765"));
         assert!(!open.is_host("evil.example:8765") && !open.is_host("192.0.2.7:80"));
         assert!(!open.is_origin("http://192.0.2.7:8765"), "any machine may have a page there");
+    }
+
+    #[test]
+    fn letters_in_another_order_are_another_token() {
+        // Both pairs differ by the same bits.
+        assert!(!Token("ab".to_owned()).is("ba") && Token("ab".to_owned()).is("ab"));
+        assert!(!Token("ab".to_owned()).is("aa") && !Token("ab".to_owned()).is("bb"));
+    }
+
+    #[test]
+    fn the_usual_port_may_be_left_out_and_pages_of_this_machine_stand_at_any() {
+        let guard = HostGuard::of_pages("127.0.0.1:80".parse().unwrap(), Vec::new());
+        for host in ["127.0.0.1", "127.0.0.1:80", "localhost", "localhost:80", "[::1]"] {
+            assert!(guard.is_host(host), "{host}");
+        }
+        for host in ["127.0.0.1:81", "localhost:81", "10.0.0.1", "10.0.0.1:80", ":80"] {
+            assert!(!guard.is_host(host), "{host}");
+        }
+        for origin in ["http://127.0.0.1:3000", "https://127.0.0.1", "http://localhost:1"] {
+            assert!(guard.is_origin(origin), "{origin}");
+        }
+        for origin in ["127.0.0.1", "ftp://127.0.0.1", "http://127.0.0.2", "http://", "http://:80"] {
+            assert!(!guard.is_origin(origin), "{origin}");
+        }
+        // A server that knows no pages but its own lets no other one in, also of this machine.
+        assert!(!HostGuard::local(8420).is_origin("http://127.0.0.1:3000"));
+        assert!(!HostGuard::secure(&["192.0.2.2:443".parse().unwrap()], &[]).is_origin("https://localhost"));
     }
 }

@@ -7,6 +7,8 @@
 use std::io::{self, Read, Write};
 use std::time::{Duration, Instant};
 
+use crate::peers::Slot;
+
 /// Largest head \[bytes\].
 const HEAD_BYTES: usize = 8192;
 /// Most headers of a request; browsers send about twenty.
@@ -95,6 +97,17 @@ impl Head {
         }
     }
 
+    /// Reads what the peer in `slot` asks for, which keeps its slot from then on.
+    ///
+    /// # Errors
+    ///
+    /// The status of the answer, and why it gets no other one, in words to count by.
+    pub fn asked(stream: &mut impl Read, slot: &Slot) -> Result<Self, (&'static str, &'static str)> {
+        let head = Self::read(stream).map_err(|error| ("400 Bad Request", error.label()))?;
+        slot.asked().map_err(|reason| ("503 Service Unavailable", reason))?;
+        Ok(head)
+    }
+
     /// `None`: it is not whole yet.
     fn parse(bytes: &[u8]) -> Result<Option<Self>, NoHead> {
         let mut headers = [httparse::EMPTY_HEADER; MOST_HEADERS];
@@ -166,9 +179,7 @@ pub fn answer(
     most: Duration,
 ) -> io::Result<()> {
     // In one piece: some clients read no further than that.
-    let whole = [answer_head(status, kind, body.len()).as_bytes(), body].concat();
-    put(stream, &whole, most)?;
-    stream.flush()
+    put(stream, &[&answer_head(status, kind, body.len()), body].concat(), most)
 }
 
 /// Answers a `HEAD` request: as [`answer`], without the body.
@@ -183,15 +194,12 @@ pub fn answer_without_body(
     length: usize,
     most: Duration,
 ) -> io::Result<()> {
-    put(stream, answer_head(status, kind, length).as_bytes(), most)?;
-    stream.flush()
+    put(stream, &answer_head(status, kind, length), most)
 }
 
-fn answer_head(status: &str, kind: &str, length: usize) -> String {
-    format!(
-        "HTTP/1.1 {status}\r\nContent-Type: {kind}\r\nContent-Length: {length}\r\nConnection: \
-         close\r\n{HEADERS}\r\n"
-    )
+fn answer_head(status: &str, kind: &str, length: usize) -> Vec<u8> {
+    let head = format!("Content-Type: {kind}\r\nContent-Length: {length}\r\nConnection: close\r\n{HEADERS}");
+    format!("HTTP/1.1 {status}\r\n{head}\r\n").into_bytes()
 }
 
 /// Writes all of `bytes`, unless that takes longer than `most`.
@@ -208,7 +216,12 @@ fn put(stream: &mut impl Write, mut bytes: &[u8], most: Duration) -> io::Result<
             Err(error) => return Err(error),
         }
     }
-    Ok(())
+    stream.flush()
+}
+
+/// Answers with the words of a refusal; the other side need not read them.
+pub fn refuse(stream: &mut impl Write, status: &str, words: &str, most: Duration) {
+    let _ = answer(stream, status, TEXT, format!("{words}\n").as_bytes(), most);
 }
 
 /// Turns the connection into a WebSocket, of a subprotocol where one was chosen.

@@ -16,3 +16,5 @@ pub mod guard;
 pub mod websocket;
 pub mod frames;
 pub mod admission;
+
+pub use foretrace_shm::debug_as_display;

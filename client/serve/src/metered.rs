@@ -44,7 +44,6 @@ impl<S> Metered<S> {
         Self { inner, bytes: PerSecond::new(most) }
     }
 
-    /// The connection.
     pub const fn get_ref(&self) -> &S {
         &self.inner
     }
@@ -72,7 +71,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn more_bytes_than_may_come_in_a_second_end_the_reading_and_a_new_second_begins_anew() {
+    fn more_bytes_than_may_come_in_a_second_end_the_reading_and_a_new_second_starts_from_zero() {
         let mut line = Metered::new(io::repeat(7), 100);
         let mut bytes = [0; 50];
         assert_eq!([line.read(&mut bytes).unwrap(), line.read(&mut bytes).unwrap()], [50, 50]);

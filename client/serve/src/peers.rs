@@ -3,6 +3,7 @@
 //! Contract: never waits. Where no slot is free, the peer that has been asking for longest gives way to the
 //! newcomer, after a moment of its own; one that has asked keeps its slot until it is answered.
 
+use std::io;
 use std::net::{IpAddr, Ipv6Addr, Shutdown, TcpStream};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -12,14 +13,12 @@ pub const MOMENT: Duration = Duration::from_millis(50);
 
 /// Most peers at a time.
 #[derive(Debug, Clone, Copy)]
-pub struct Limits {
-    /// In all.
+pub struct PeerLimits {
     pub all: usize,
     /// Of those, from other machines.
     pub remote: usize,
     /// Of those, from one other machine.
     pub of_one: usize,
-    /// From this machine.
     pub local: usize,
 }
 
@@ -51,12 +50,12 @@ impl Full {
 /// The slots of one server.
 #[derive(Debug)]
 pub struct Peers {
-    limits: Limits,
-    inside: Mutex<Inside>,
+    limits: PeerLimits,
+    inside: Mutex<SlotTable>,
 }
 
 #[derive(Debug, Default)]
-struct Inside {
+struct SlotTable {
     /// In the order in which they came.
     peers: Vec<Peer>,
     next: u64,
@@ -80,13 +79,12 @@ pub struct Slot {
 }
 
 impl Peers {
-    /// Without any peer.
     #[must_use]
-    pub fn new(limits: Limits) -> Arc<Self> {
+    pub fn new(limits: PeerLimits) -> Arc<Self> {
         Arc::new(Self { limits, inside: Mutex::default() })
     }
 
-    fn inside(&self) -> MutexGuard<'_, Inside> {
+    fn inside(&self) -> MutexGuard<'_, SlotTable> {
         self.inside.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -115,12 +113,23 @@ impl Peers {
     }
 }
 
+/// Lets a connection that was just accepted wait for bytes, and for bytes to be taken, for so long at most.
+///
+/// # Errors
+///
+/// The connection is gone.
+pub fn bound_waits(stream: &TcpStream, read: Duration, write: Duration) -> io::Result<()> {
+    stream.set_nonblocking(false)?;
+    stream.set_read_timeout(Some(read))?;
+    stream.set_write_timeout(Some(write))
+}
+
 /// Which peers a newcomer competes with.
 type Rivals = fn(own: IpAddr, other: IpAddr) -> bool;
 
-impl Inside {
+impl SlotTable {
     /// The limit that a newcomer from `machine` would break, and whose slots it concerns.
-    fn full(&self, limits: &Limits, machine: IpAddr) -> Option<(Full, (IpAddr, Rivals))> {
+    fn full(&self, limits: &PeerLimits, machine: IpAddr) -> Option<(Full, (IpAddr, Rivals))> {
         let count = |rivals: Rivals| self.peers.iter().filter(|peer| rivals(machine, peer.machine)).count();
         let anybody: Rivals = |_, _| true;
         let remote: Rivals = |_, other| !other.is_loopback();
@@ -190,7 +199,7 @@ mod tests {
     use super::*;
     use std::net::TcpListener;
 
-    const LIMITS: Limits = Limits { all: 32, remote: 24, of_one: 12, local: 32 };
+    const LIMITS: PeerLimits = PeerLimits { all: 32, remote: 24, of_one: 12, local: 32 };
 
     impl Peers {
         /// Peers from `address` that have asked, until there is no slot.
@@ -242,7 +251,7 @@ mod tests {
     fn one_that_has_asked_keeps_its_slot_and_one_that_only_asks_gives_way_after_its_moment() {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let few = 16;
-        let peers = Peers::new(Limits { all: 48, remote: 48, of_one: few, local: few });
+        let peers = Peers::new(PeerLimits { all: 48, remote: 48, of_one: few, local: few });
         let line = || {
             let peer = TcpStream::connect(listener.local_addr().unwrap()).unwrap();
             let _other = listener.accept().unwrap();

@@ -21,7 +21,7 @@ const WAITING_BYTES: usize = 1 << 20;
 
 /// What a peer may do.
 #[derive(Debug, Clone, Copy)]
-pub struct Limits {
+pub struct SocketLimits {
     /// Largest message of the peer \[bytes\].
     pub message_bytes: usize,
     /// Most messages of the peer per second, of any kind.
@@ -34,12 +34,10 @@ pub struct Limits {
     pub silent: Duration,
 }
 
-/// What came.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Incoming {
     /// A message, text or binary.
     Message(Message),
-    /// Nothing to do.
     Nothing,
     /// The peer ended the connection.
     Closed,
@@ -51,7 +49,7 @@ pub enum Incoming {
 #[derive(Debug)]
 pub struct Socket<S> {
     inner: WebSocket<S>,
-    limits: Limits,
+    limits: SocketLimits,
     messages: PerSecond,
     heard: Instant,
     /// Since when something waits to be read by the peer.
@@ -60,7 +58,7 @@ pub struct Socket<S> {
 
 impl<S: Read + Write> Socket<S> {
     /// Around `stream`, whose timeouts are short.
-    pub fn new(stream: S, limits: Limits) -> Self {
+    pub fn new(stream: S, limits: SocketLimits) -> Self {
         let config = WebSocketConfig::default()
             .max_message_size(Some(limits.message_bytes))
             .max_frame_size(Some(limits.message_bytes))
@@ -152,7 +150,7 @@ mod tests {
     use super::*;
     use std::net::{TcpListener, TcpStream};
 
-    const LIMITS: Limits = Limits {
+    const LIMITS: SocketLimits = SocketLimits {
         message_bytes: 1000,
         messages_per_s: 20,
         write_buffer: 0,

@@ -24,7 +24,7 @@ pub(crate) const WRITTEN_M: f64 = 1e-7;
 
 /// All points within `radius` of the piece from −length/2 to length/2 of the z axis of a frame \[m\].
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Capsule {
+pub struct MeshCapsule {
     /// Origin of that frame \[m\].
     pub centre: [f64; 3],
     /// Its roll, pitch and yaw \[rad\], as in URDF.
@@ -35,7 +35,7 @@ pub struct Capsule {
     pub radius: f64,
 }
 
-impl Capsule {
+impl MeshCapsule {
     pub(crate) fn volume(&self) -> f64 {
         volume(self.radius, self.length)
     }
@@ -70,23 +70,23 @@ impl Capsule {
 
 /// A capsule by the ends of its axis \[m\].
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Axis {
+pub(crate) struct CapsuleAxis {
     pub(crate) from: Vector3<f64>,
     pub(crate) to: Vector3<f64>,
     pub(crate) radius: f64,
 }
 
-impl Axis {
-    pub(crate) fn of(capsule: &Capsule) -> Self {
+impl CapsuleAxis {
+    pub(crate) fn of(capsule: &MeshCapsule) -> Self {
         let [roll, pitch, yaw] = capsule.rpy;
         let half = Rotation3::from_euler_angles(roll, pitch, yaw) * Vector3::z() * (0.5 * capsule.length);
         let centre = Vector3::from(capsule.centre);
         Self { from: centre - half, to: centre + half, radius: capsule.radius }
     }
 
-    pub(crate) fn capsule(&self) -> Capsule {
+    pub(crate) fn capsule(&self) -> MeshCapsule {
         let along = self.to - self.from;
-        Capsule {
+        MeshCapsule {
             centre: ((self.from + self.to) * 0.5).into(),
             rpy: turned(&along.try_normalize(0.0).unwrap_or_else(Vector3::z)),
             length: along.norm(),
@@ -115,26 +115,25 @@ impl Axis {
         points.iter().map(|point| self.squared(point)).fold(0.0, f64::max).sqrt()
     }
 
-    /// For points inside.
-    pub(crate) fn frame(&self) -> Inside {
+    pub(crate) fn frame(&self) -> SamplingFrame {
         let along = self.to - self.from;
         let length = along.norm();
         let turn = frame(&along.try_normalize(0.0).unwrap_or_else(Vector3::z));
         let tube = length / (length + 4.0 / 3.0 * self.radius).max(f64::MIN_POSITIVE);
-        Inside { centre: (self.from + self.to) * 0.5, turn, length, radius: self.radius, tube }
+        SamplingFrame { centre: (self.from + self.to) * 0.5, turn, length, radius: self.radius, tube }
     }
 }
 
 /// A place in the unit cube, as what it means in a cylinder and in a ball of radius 1.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Sample {
+pub(crate) struct ProfileSample {
     u: f64,
     root: f64,
     cube_root: f64,
     direction: [f64; 2],
 }
 
-impl Sample {
+impl ProfileSample {
     pub(crate) fn at([u, v, w]: [f64; 3]) -> Self {
         let (sin, cos) = (std::f64::consts::TAU * w).sin_cos();
         Self { u, root: v.sqrt(), cube_root: v.cbrt(), direction: [cos, sin] }
@@ -143,7 +142,7 @@ impl Sample {
 
 /// Maps the unit cube to a capsule, equal volumes to equal volumes.
 #[derive(Debug)]
-pub(crate) struct Inside {
+pub(crate) struct SamplingFrame {
     centre: Vector3<f64>,
     turn: Matrix3<f64>,
     length: f64,
@@ -152,8 +151,8 @@ pub(crate) struct Inside {
     tube: f64,
 }
 
-impl Inside {
-    pub(crate) fn at(&self, sample: &Sample) -> Vector3<f64> {
+impl SamplingFrame {
+    pub(crate) fn at(&self, sample: &ProfileSample) -> Vector3<f64> {
         let (z, across) = if sample.u < self.tube {
             (self.length * (sample.u / self.tube - 0.5), self.radius * sample.root)
         } else {
@@ -179,7 +178,7 @@ fn volume(radius: f64, length: f64) -> f64 {
 }
 
 /// A capsule that holds all `points`, of nearly the smallest volume; none for no points.
-pub(crate) fn around(points: &[Vector3<f64>]) -> Option<Capsule> {
+pub(crate) fn around(points: &[Vector3<f64>]) -> Option<MeshCapsule> {
     let fits = fits(points, DIRECTIONS);
     let best = fits.into_iter().min_by(|a, b| a.volume().total_cmp(&b.volume()))?;
     Some(best.written(points))
@@ -187,18 +186,18 @@ pub(crate) fn around(points: &[Vector3<f64>]) -> Option<Capsule> {
 
 /// The best capsule along each of the principal axes of `points`, to begin a search from: it holds those that
 /// are farthest in [`FEW_DIRECTIONS`].
-pub(crate) fn along_each_axis(points: &[Vector3<f64>]) -> Vec<Axis> {
-    fits(points, FEW_DIRECTIONS).iter().map(Axis::of).collect()
+pub(crate) fn along_each_axis(points: &[Vector3<f64>]) -> Vec<CapsuleAxis> {
+    fits(points, FEW_DIRECTIONS).iter().map(CapsuleAxis::of).collect()
 }
 
-fn fits(points: &[Vector3<f64>], directions: usize) -> Vec<Capsule> {
+fn fits(points: &[Vector3<f64>], directions: usize) -> Vec<MeshCapsule> {
     let Some(first) = points.first() else { return Vec::new() };
     let middle = points.iter().fold(Vector3::zeros(), |sum, point| sum + point) / points.len() as f64;
     let far = farthest(points, &middle, directions);
     let size = far.iter().map(|point| (point - middle).norm()).fold(0.0, f64::max);
     if !(size > 0.0) {
         let centre = (*first).into();
-        return vec![Capsule { centre, rpy: [0.0; 3], length: 0.0, radius: 0.0 }];
+        return vec![MeshCapsule { centre, rpy: [0.0; 3], length: 0.0, radius: 0.0 }];
     }
     let spread: Matrix3<f64> = far.iter().map(|point| (point - middle) * (point - middle).transpose()).sum();
     let axes = SymmetricEigen::new(spread).eigenvectors;
@@ -255,7 +254,7 @@ struct Cloud<'a> {
 }
 
 /// The best capsule along one line.
-struct Fit {
+struct CapsuleFit {
     frame: Matrix3<f64>,
     ends: [f64; 2],
     radius: f64,
@@ -273,7 +272,7 @@ impl Cloud<'_> {
         [0.0, 0.0, across(0), across(1), 0.0]
     }
 
-    fn fit(&self, x: &[f64; SEARCHED]) -> Fit {
+    fn fit(&self, x: &[f64; SEARCHED]) -> CapsuleFit {
         let [tilt_x, tilt_y, off_x, off_y, excess] = *x;
         let frame = self.frame * Rotation3::from_euler_angles(tilt_x, tilt_y, 0.0).matrix();
         let seen = |point: &Vector3<f64>| {
@@ -292,16 +291,16 @@ impl Cloud<'_> {
         );
         let [low, high] = ends;
         let ends = if low <= high { ends } else { [0.5 * (low + high); 2] };
-        Fit { frame, ends, radius, cost: volume(radius, (high - low).max(0.0)) }
+        CapsuleFit { frame, ends, radius, cost: volume(radius, (high - low).max(0.0)) }
     }
 }
 
-impl Fit {
-    fn capsule(&self, cloud: &Cloud<'_>, x: &[f64; SEARCHED]) -> Capsule {
+impl CapsuleFit {
+    fn capsule(&self, cloud: &Cloud<'_>, x: &[f64; SEARCHED]) -> MeshCapsule {
         let [low, high] = self.ends;
         let [_, _, off_x, off_y, _] = *x;
         let local = Vector3::new(off_x * cloud.size, off_y * cloud.size, 0.5 * (low + high));
-        Capsule {
+        MeshCapsule {
             centre: (cloud.middle + self.frame * local).into(),
             rpy: turned(&self.frame.column(2).into_owned()),
             length: high - low,
@@ -377,7 +376,7 @@ mod tests {
         }
     }
 
-    fn holds_all(capsule: &Capsule, points: &[Vector3<f64>]) {
+    fn holds_all(capsule: &MeshCapsule, points: &[Vector3<f64>]) {
         for point in points {
             assert!(capsule.distance(point) <= capsule.radius, "{point} is outside of {capsule:?}");
         }

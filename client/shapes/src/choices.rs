@@ -6,7 +6,7 @@
 
 use nalgebra::Vector3;
 
-use crate::capsule::{Axis, along_each_axis};
+use crate::capsule::{CapsuleAxis, along_each_axis};
 
 /// Points that are dealt together \[m\].
 pub(crate) type Patch = Vec<Vector3<f64>>;
@@ -22,7 +22,7 @@ const SLACK: f64 = 0.02;
 
 /// A capsule and the patches that it holds.
 struct Choice {
-    axis: Axis,
+    axis: CapsuleAxis,
     holds: Vec<u64>,
     volume: f64,
 }
@@ -41,7 +41,7 @@ pub(crate) struct Choices {
 }
 
 /// Branch and bound: what is chosen so far, and the best that was found.
-struct Search {
+struct BranchAndBound {
     steps: usize,
     chosen: Vec<usize>,
     /// Sum of volumes \[m³\] and choices, the best first.
@@ -77,14 +77,14 @@ impl Choices {
     }
 
     /// The best covers by at most `count` choices.
-    pub(crate) fn covers(&self, count: usize) -> Vec<Vec<Axis>> {
-        let mut search = Search { steps: 0, chosen: Vec::new(), found: Vec::new() };
+    pub(crate) fn covers(&self, count: usize) -> Vec<Vec<CapsuleAxis>> {
+        let mut search = BranchAndBound { steps: 0, chosen: Vec::new(), found: Vec::new() };
         self.branch(count, 0.0, &mut search);
         let axes = |chosen: &Vec<usize>| chosen.iter().filter_map(|i| Some(self.all.get(*i)?.axis)).collect();
         search.found.iter().map(|(_, chosen)| axes(chosen)).collect()
     }
 
-    fn branch(&self, left: usize, volume: f64, search: &mut Search) {
+    fn branch(&self, left: usize, volume: f64, search: &mut BranchAndBound) {
         let held = |patch: usize| {
             search.chosen.iter().filter_map(|index| self.all.get(*index)).any(|choice| choice.holds(patch))
         };
@@ -111,7 +111,7 @@ impl Choices {
     }
 }
 
-fn choice(axis: Axis, patches: &[Patch]) -> Choice {
+fn choice(axis: CapsuleAxis, patches: &[Patch]) -> Choice {
     let mut holds = vec![0; patches.len().div_ceil(64)];
     for (index, _) in
         patches.iter().enumerate().filter(|(_, patch)| axis.farthest(patch) <= axis.radius * (1.0 + SLACK))

@@ -18,7 +18,7 @@ use std::sync::LazyLock;
 
 use nalgebra::Vector3;
 
-use crate::capsule::{Axis, Capsule, Sample, around, sphere};
+use crate::capsule::{CapsuleAxis, MeshCapsule, ProfileSample, around, sphere};
 use crate::choices::{Choices, Patch};
 
 /// Three corners \[m\].
@@ -43,16 +43,16 @@ const WORTH_M: f64 = 2e-4;
 
 /// At most `most` capsules out of which no point of a triangle sticks by more than `outside` \[m\]; none for
 /// no triangles.
-pub(crate) fn cover(triangles: &[Triangle], most: usize, outside: f64) -> Vec<Capsule> {
+pub(crate) fn cover(triangles: &[Triangle], most: usize, outside: f64) -> Vec<MeshCapsule> {
     let corners: Vec<Vector3<f64>> = triangles.iter().flatten().copied().collect();
     let Some(one) = around(&corners) else { return Vec::new() };
     if most < 2 {
         return vec![one.smaller(outside)];
     }
     let pieces = halved(triangles, PATCH * size(&corners));
-    let task = Task::new(&one, patches(&pieces, PATCH * size(&corners)));
+    let task = CoverTask::new(&one, patches(&pieces, PATCH * size(&corners)));
     let choices = Choices::new(&task.patches);
-    let alone = evolved(Dealt::new(vec![Axis::of(&one)], &task), &task, ALONE);
+    let alone = evolved(Dealt::new(vec![CapsuleAxis::of(&one)], &task), &task, ALONE);
     let mut found = vec![alone];
     for count in 2..=most {
         let mut tried: Vec<Dealt> =
@@ -70,7 +70,7 @@ pub(crate) fn cover(triangles: &[Triangle], most: usize, outside: f64) -> Vec<Ca
 }
 
 /// What is to be held, and what a cover is judged by.
-struct Task {
+struct CoverTask {
     patches: Vec<Patch>,
     /// Unit vectors, and how far the mesh reaches along each \[m\].
     reaches: Vec<(Vector3<f64>, f64)>,
@@ -78,8 +78,8 @@ struct Task {
     surface: f64,
 }
 
-impl Task {
-    fn new(one: &Capsule, patches: Vec<Patch>) -> Self {
+impl CoverTask {
+    fn new(one: &MeshCapsule, patches: Vec<Patch>) -> Self {
         let reach = |direction: &Vector3<f64>| {
             patches.iter().flatten().map(|point| direction.dot(point)).fold(f64::NEG_INFINITY, f64::max)
         };
@@ -90,7 +90,7 @@ impl Task {
 
     /// By how much, in the mean over all directions, capsules reach farther than the mesh, and a share of
     /// their volume over the surface of one around all \[m\].
-    fn cost(&self, axes: &[Axis]) -> f64 {
+    fn cost(&self, axes: &[CapsuleAxis]) -> f64 {
         let farther = self.reaches.iter().map(|(direction, mesh)| {
             let reach = axes.iter().map(|axis| axis.reach(direction)).fold(f64::NEG_INFINITY, f64::max);
             reach - mesh
@@ -161,7 +161,7 @@ fn patches(pieces: &[Triangle], cell: f64) -> Vec<Patch> {
 /// Capsules, and what they were dealt.
 #[derive(Debug, Clone)]
 struct Dealt {
-    axes: Vec<Axis>,
+    axes: Vec<CapsuleAxis>,
     /// Per capsule and patch: how far the patch's farthest corner is from the axis \[m\].
     far: Vec<Vec<f64>>,
     /// \[m\]
@@ -169,8 +169,8 @@ struct Dealt {
 }
 
 impl Dealt {
-    fn new(axes: Vec<Axis>, task: &Task) -> Self {
-        let far = |axis: &Axis| task.patches.iter().map(|patch| axis.farthest(patch)).collect();
+    fn new(axes: Vec<CapsuleAxis>, task: &CoverTask) -> Self {
+        let far = |axis: &CapsuleAxis| task.patches.iter().map(|patch| axis.farthest(patch)).collect();
         let far = axes.iter().map(far).collect();
         let mut dealt = Self { axes, far, cost: 0.0 };
         dealt.repair(task);
@@ -188,7 +188,7 @@ impl Dealt {
     }
 
     /// Deals all patches, and gives every capsule the radius that it then needs.
-    fn repair(&mut self, task: &Task) {
+    fn repair(&mut self, task: &CoverTask) {
         let mut radii = vec![0.0_f64; self.axes.len()];
         let count = self.far.first().map_or(0, Vec::len);
         for (index, far) in (0..count).filter_map(|patch| self.owner(patch)) {
@@ -199,7 +199,7 @@ impl Dealt {
     }
 
     /// The same with another axis and radius in place of that at `which`.
-    fn with(&self, which: usize, axis: Axis, task: &Task) -> Self {
+    fn with(&self, which: usize, axis: CapsuleAxis, task: &CoverTask) -> Self {
         let mut next = self.clone();
         for (old, far) in next.axes.iter_mut().zip(&mut next.far).skip(which).take(1) {
             *old = axis;
@@ -211,7 +211,7 @@ impl Dealt {
 }
 
 /// The best of `children` changes per capsule, each of one capsule of the best so far.
-fn evolved(start: Dealt, task: &Task, children: usize) -> Dealt {
+fn evolved(start: Dealt, task: &CoverTask, children: usize) -> Dealt {
     let mut best = start;
     let size = best.axes.iter().map(|axis| axis.radius).fold(0.0, f64::max);
     let (mut dice, mut step) = (Dice::new(), 0.2 * size);
@@ -242,10 +242,10 @@ fn evolved(start: Dealt, task: &Task, children: usize) -> Dealt {
 }
 
 /// The capsules of `axes` with numbers as they are written, holding every piece but for `outside` \[m\].
-fn written(axes: &[Axis], pieces: &[Triangle], outside: f64) -> Vec<Capsule> {
+fn written(axes: &[CapsuleAxis], pieces: &[Triangle], outside: f64) -> Vec<MeshCapsule> {
     let mut shares: Vec<Vec<Vector3<f64>>> = vec![Vec::new(); axes.len()];
     for piece in pieces {
-        let excess = |axis: &Axis| axis.farthest(piece) - axis.radius;
+        let excess = |axis: &CapsuleAxis| axis.farthest(piece) - axis.radius;
         let owner = axes.iter().map(excess).enumerate().min_by(|a, b| a.1.total_cmp(&b.1));
         let owner = owner.map_or(0, |(index, _)| index);
         shares.iter_mut().skip(owner).take(1).for_each(|share| share.extend(piece));
@@ -255,15 +255,15 @@ fn written(axes: &[Axis], pieces: &[Triangle], outside: f64) -> Vec<Capsule> {
 }
 
 /// Points of the unit cube, spread evenly: the additive recurrence with the plastic number (Roberts, 2018).
-static SAMPLED: LazyLock<Vec<Sample>> = LazyLock::new(|| {
+static SAMPLED: LazyLock<Vec<ProfileSample>> = LazyLock::new(|| {
     let plastic = 1.220_744_084_605_759_5_f64;
     let steps = [1.0 / plastic, 1.0 / (plastic * plastic), 1.0 / plastic.powi(3)];
-    (1..=SAMPLES).map(|n| Sample::at(steps.map(|step| (0.5 + step * n as f64).fract()))).collect()
+    (1..=SAMPLES).map(|n| ProfileSample::at(steps.map(|step| (0.5 + step * n as f64).fract()))).collect()
 });
 
 /// The volume that capsules fill together [m³]: each point of one counts for as much as it is the only one
 /// to hold it.
-fn union(axes: &[Axis], samples: &[Sample]) -> f64 {
+fn union(axes: &[CapsuleAxis], samples: &[ProfileSample]) -> f64 {
     let mut sum = 0.0;
     for (index, axis) in axes.iter().enumerate() {
         let frame = axis.frame();
@@ -271,7 +271,7 @@ fn union(axes: &[Axis], samples: &[Sample]) -> f64 {
             .iter()
             .map(|sample| {
                 let point = frame.at(sample);
-                let holds = |(other, shape): &(usize, &Axis)| {
+                let holds = |(other, shape): &(usize, &CapsuleAxis)| {
                     *other != index && shape.squared(&point) < shape.radius * shape.radius
                 };
                 1.0 / (1 + axes.iter().enumerate().filter(holds).count()) as f64
@@ -283,8 +283,8 @@ fn union(axes: &[Axis], samples: &[Sample]) -> f64 {
 }
 
 /// The volume that capsules fill together \[m³\].
-pub(crate) fn volume(capsules: &[Capsule]) -> f64 {
-    let axes: Vec<Axis> = capsules.iter().map(Axis::of).collect();
+pub(crate) fn volume(capsules: &[MeshCapsule]) -> f64 {
+    let axes: Vec<CapsuleAxis> = capsules.iter().map(CapsuleAxis::of).collect();
     union(&axes, &SAMPLED)
 }
 
@@ -321,11 +321,12 @@ impl Dice {
 /// Whether every point of a triangle lies in some capsule or at most `slack` \[m\] outside, by halving it
 /// until each part lies in one.
 #[cfg(test)]
-pub(crate) fn held(cover: &[Axis], triangle: &Triangle, slack: f64) -> bool {
+pub(crate) fn held(cover: &[CapsuleAxis], triangle: &Triangle, slack: f64) -> bool {
     let mut open = vec![(*triangle, 0)];
     while let Some(([a, b, c], depth)) = open.pop() {
-        let inside =
-            |axis: &Axis| [a, b, c].iter().all(|corner| axis.squared(corner).sqrt() <= axis.radius + slack);
+        let inside = |axis: &CapsuleAxis| {
+            [a, b, c].iter().all(|corner| axis.squared(corner).sqrt() <= axis.radius + slack)
+        };
         if cover.iter().any(inside) {
             continue;
         }
@@ -355,8 +356,8 @@ mod tests {
         [cuboid([0.0, 0.0, 0.0], [0.4, 0.1, 0.1]), cuboid([0.0, 0.0, 0.0], [0.1, 0.1, 0.4])].concat()
     }
 
-    fn axes(capsules: &[Capsule]) -> Vec<Axis> {
-        capsules.iter().map(Axis::of).collect()
+    fn axes(capsules: &[MeshCapsule]) -> Vec<CapsuleAxis> {
+        capsules.iter().map(CapsuleAxis::of).collect()
     }
 
     #[test]
@@ -388,7 +389,7 @@ mod tests {
     #[test]
     fn a_flat_plate_is_covered_flat_by_several() {
         let plate = cuboid([-0.1, -0.1, 0.0], [0.1, 0.1, 0.02]);
-        let top = |capsules: &[Capsule]| {
+        let top = |capsules: &[MeshCapsule]| {
             axes(capsules).iter().map(|axis| axis.reach(&Vector3::z())).fold(f64::NEG_INFINITY, f64::max)
         };
         let [one, four] = [1, 4].map(|most| top(&cover(&plate, most, 0.0)));
@@ -419,7 +420,8 @@ mod tests {
 
     #[test]
     fn the_volume_of_a_union_counts_what_is_shared_once() {
-        let axis = |x: f64| Axis { from: Vector3::x() * x, to: Vector3::new(x, 0.0, 0.3), radius: 0.1 };
+        let axis =
+            |x: f64| CapsuleAxis { from: Vector3::x() * x, to: Vector3::new(x, 0.0, 0.3), radius: 0.1 };
         let alone = axis(0.0).volume();
         let of = |x: f64| union(&[axis(0.0), axis(x)], &SAMPLED);
         assert!((of(0.0) / alone - 1.0).abs() < 1e-9 && (of(0.5) / alone - 2.0).abs() < 1e-9);

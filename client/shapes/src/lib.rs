@@ -22,16 +22,16 @@ use foretrace_config::files::read_text;
 use nalgebra::{Rotation3, Vector3};
 use urdf_rs::{Geometry, Link, Pose};
 
-pub use capsule::Capsule;
+pub use capsule::MeshCapsule;
 use cover::cover;
-use mesh::{Mesh, Search};
+use mesh::{Mesh, MeshFolders};
 
 /// Triangles of one link, at most: more tell nothing about its shape, and the search would not end.
 const MOST_TRIANGLES: usize = 2_000_000;
 
 /// How capsules are chosen.
 #[derive(Debug, Clone, Default)]
-pub struct Options {
+pub struct ShapesOptions {
     /// Folders of the packages of `package://` URLs, by their names.
     pub packages: Vec<(String, PathBuf)>,
     /// Most capsules per link, for one link or (`None`) for all; the last one counts, 1 without any.
@@ -40,7 +40,7 @@ pub struct Options {
     pub outside_mm: f64,
 }
 
-impl Options {
+impl ShapesOptions {
     fn most(&self, link: &str) -> usize {
         let asked = |wanted: Option<&str>| {
             self.most.iter().rev().find(|(name, _)| name.as_deref() == wanted).map(|(_, most)| *most)
@@ -52,7 +52,6 @@ impl Options {
 /// Capsules of one link, and what they are around.
 #[derive(Debug, Clone)]
 pub struct Proposal {
-    /// The link's name.
     pub link: String,
     /// Its meshes, as the description names them.
     pub files: Vec<String>,
@@ -61,7 +60,7 @@ pub struct Proposal {
     /// Volume of the meshes \[m^3\]; 0 where they enclose nothing.
     pub volume_m3: f64,
     /// In the link's frame.
-    pub capsules: Vec<Capsule>,
+    pub capsules: Vec<MeshCapsule>,
 }
 
 /// Why there are no capsules.
@@ -70,28 +69,19 @@ pub enum ShapesError {
     /// Not a robot description.
     #[error("{}: {why}", urdf.display())]
     Description {
-        /// The file.
         urdf: PathBuf,
         /// What is wrong with it.
         why: String,
     },
     /// `most` names a link that is not there.
     #[error("--capsules {link}=N: {} has no link of that name", urdf.display())]
-    UnknownLink {
-        /// The file.
-        urdf: PathBuf,
-        /// The name.
-        link: String,
-    },
+    UnknownLink { urdf: PathBuf, link: String },
     /// Meshes cannot be used, each with the reason.
     #[error("{} meshes cannot be used:\n  {}", .0.len(), .0.join("\n  "))]
     Meshes(Vec<String>),
     /// No link has only meshes.
     #[error("{}: no link needs shapes, because none has only meshes", urdf.display())]
-    NotNeeded {
-        /// The file.
-        urdf: PathBuf,
-    },
+    NotNeeded { urdf: PathBuf },
 }
 
 impl std::fmt::Debug for ShapesError {
@@ -105,7 +95,7 @@ impl std::fmt::Debug for ShapesError {
 /// # Errors
 ///
 /// See [`ShapesError`].
-pub fn propose(urdf: &Path, options: &Options) -> Result<Vec<Proposal>, ShapesError> {
+pub fn propose(urdf: &Path, options: &ShapesOptions) -> Result<Vec<Proposal>, ShapesError> {
     let wrong = |error: &dyn std::fmt::Display| ShapesError::Description {
         urdf: urdf.to_path_buf(),
         why: error.to_string(),
@@ -117,7 +107,7 @@ pub fn propose(urdf: &Path, options: &Options) -> Result<Vec<Proposal>, ShapesEr
     if let Some(name) = options.most.iter().filter_map(|(name, _)| name.as_ref()).find(|name| !known(name)) {
         return Err(ShapesError::UnknownLink { urdf: urdf.to_path_buf(), link: name.clone() });
     }
-    let search = Search::new(urdf, options.packages.clone());
+    let search = MeshFolders::new(urdf, options.packages.clone());
     let (mut proposals, mut refused) = (Vec::new(), Vec::new());
     for link in &robot.links {
         match around(link, &search, options.most(&link.name), options.outside_mm * 1e-3) {
@@ -136,7 +126,12 @@ pub fn propose(urdf: &Path, options: &Options) -> Result<Vec<Proposal>, ShapesEr
 
 /// At most `most` capsules around the meshes of a link that has no other collision geometry; none for a link
 /// that needs none. Errors: every mesh that cannot be used, in words.
-fn around(link: &Link, search: &Search, most: usize, outside: f64) -> Result<Option<Proposal>, Vec<String>> {
+fn around(
+    link: &Link,
+    search: &MeshFolders,
+    most: usize,
+    outside: f64,
+) -> Result<Option<Proposal>, Vec<String>> {
     let collision: Vec<(&Pose, &Geometry)> =
         link.collision.iter().map(|c| (&c.origin, &c.geometry)).collect();
     let visual: Vec<(&Pose, &Geometry)> = link.visual.iter().map(|v| (&v.origin, &v.geometry)).collect();
@@ -174,7 +169,7 @@ fn around(link: &Link, search: &Search, most: usize, outside: f64) -> Result<Opt
     }))
 }
 
-fn mesh(pose: &Pose, geometry: &Geometry, search: &Search) -> Result<(String, Mesh), String> {
+fn mesh(pose: &Pose, geometry: &Geometry, search: &MeshFolders) -> Result<(String, Mesh), String> {
     let Geometry::Mesh { filename, scale } = geometry else { return Err("no mesh".to_owned()) };
     let scale = scale.as_ref().map_or(Vector3::repeat(1.0), |scale| Vector3::from(scale.0));
     let [roll, pitch, yaw] = pose.rpy.0;
@@ -197,7 +192,7 @@ pub fn fragment(proposals: &[Proposal], outside_mm: f64) -> String {
     for proposal in proposals {
         let _ = writeln!(out, "<link name=\"{}\">", escaped(&proposal.link));
         let _ = writeln!(out, "  <!-- {}: {} -->", commented(&proposal.files.join(", ")), size(proposal));
-        for Capsule { centre: [x, y, z], rpy: [roll, pitch, yaw], length, radius } in &proposal.capsules {
+        for MeshCapsule { centre: [x, y, z], rpy: [roll, pitch, yaw], length, radius } in &proposal.capsules {
             let geometry = if *length > 0.0 {
                 format!("<cylinder radius=\"{radius:.7}\" length=\"{length:.7}\"/>")
             } else {
@@ -238,7 +233,7 @@ fn commented(text: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::capsule::Axis;
+    use super::capsule::CapsuleAxis;
     use super::*;
 
     #[test]
@@ -261,12 +256,12 @@ mod tests {
         )
         .unwrap();
         let most = vec![(None, 2), (Some("l<".to_owned()), 3)];
-        let proposals = propose(&urdf, &Options { most, ..Options::default() }).unwrap();
+        let proposals = propose(&urdf, &ShapesOptions { most, ..ShapesOptions::default() }).unwrap();
         let fragment = fragment(&proposals, 0.0);
         let robot = urdf_rs::read_from_string(&format!("<robot name=\"r\">{fragment}</robot>")).unwrap();
         let written = &robot.links[0];
         assert_eq!(written.name, "l<");
-        let capsules: Vec<Axis> = written
+        let capsules: Vec<CapsuleAxis> = written
             .collision
             .iter()
             .map(|collision| {
@@ -276,11 +271,11 @@ mod tests {
                     _ => panic!("{fragment}"),
                 };
                 let (centre, rpy) = (collision.origin.xyz.0, collision.origin.rpy.0);
-                Axis::of(&Capsule { centre, rpy, length, radius })
+                CapsuleAxis::of(&MeshCapsule { centre, rpy, length, radius })
             })
             .collect();
         assert!((2..=3).contains(&capsules.len()), "{fragment}");
-        let search = Search::new(&urdf, Vec::new());
+        let search = MeshFolders::new(&urdf, Vec::new());
         let source = foretrace_control::arm::description(&std::fs::read_to_string(&urdf).unwrap()).unwrap();
         let shape = &source.links[0].collision[0];
         let (_, mesh) = mesh(&shape.origin, &shape.geometry, &search).unwrap();
@@ -299,7 +294,7 @@ mod tests {
                <mesh filename="package://no_such_description/a.stl"/></geometry></collision></link></robot>"#,
         )
         .unwrap();
-        let refused = propose(&urdf, &Options::default()).err().unwrap();
+        let refused = propose(&urdf, &ShapesOptions::default()).err().unwrap();
         let message = refused.to_string();
         assert!(
             message.contains("`upper`") && message.contains("--package no_such_description=DIR"),

@@ -15,7 +15,7 @@ const LARGEST: u64 = 256 << 20;
 
 /// Where meshes may be.
 #[derive(Debug, Clone)]
-pub(crate) struct Search {
+pub(crate) struct MeshFolders {
     /// Folder of the description.
     pub(crate) folder: PathBuf,
     /// `--package NAME=DIR`.
@@ -24,7 +24,7 @@ pub(crate) struct Search {
     pub(crate) shelves: Vec<PathBuf>,
 }
 
-impl Search {
+impl MeshFolders {
     pub(crate) fn new(urdf: &Path, packages: Vec<(String, PathBuf)>) -> Self {
         let absolute = std::path::absolute(urdf).unwrap_or_else(|_| urdf.to_path_buf());
         let folder = absolute.parent().map_or_else(|| PathBuf::from("/"), Path::to_path_buf);
@@ -255,14 +255,14 @@ mod tests {
         std::fs::create_dir_all(root.path().join("arm_description/urdf")).unwrap();
         std::fs::write(&mesh, binary()).unwrap();
         let name = "package://arm_description/meshes/a.stl";
-        let inside = Search::new(&root.path().join("arm_description/urdf/arm.urdf"), Vec::new());
+        let inside = MeshFolders::new(&root.path().join("arm_description/urdf/arm.urdf"), Vec::new());
         assert_eq!(inside.find(name).unwrap(), mesh);
         assert_eq!(
             inside.find("../meshes/a.stl").unwrap().canonicalize().unwrap(),
             mesh.canonicalize().unwrap()
         );
         assert_eq!(inside.find(&format!("file://{}", mesh.display())).unwrap(), mesh);
-        let elsewhere = |packages, shelves| Search { folder: "/usr".into(), packages, shelves };
+        let elsewhere = |packages, shelves| MeshFolders { folder: "/usr".into(), packages, shelves };
         let why = elsewhere(Vec::new(), Vec::new()).find(name).unwrap_err();
         assert!(why.contains("--package arm_description=DIR"), "{why}");
         let named = vec![("arm_description".to_owned(), root.path().join("arm_description"))];

@@ -9,6 +9,8 @@
 #![forbid(unsafe_code)]
 
 pub mod data;
+#[cfg(feature = "formats")]
+mod formats;
 pub mod writer;
 pub mod path;
 pub mod arm;
@@ -17,3 +19,4 @@ pub mod metrics;
 pub mod spread;
 pub mod plot;
 pub mod whole;
+pub mod source;

@@ -24,7 +24,7 @@ pub struct ToolSample {
 
 /// Tracking error at the tool's instants with the pen down.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
-pub struct Tracking {
+pub struct TrackingErrors {
     /// Mean squared distance \[m²\].
     pub mse_m2: f64,
     /// Root of it \[m\].
@@ -35,7 +35,6 @@ pub struct Tracking {
     pub lag_ms: f64,
     /// Mean squared distance that remains at that shift \[m²\].
     pub mse_at_lag_m2: f64,
-    /// Instants scored.
     pub samples: usize,
 }
 
@@ -73,7 +72,7 @@ pub struct Smoothness {
 /// do not count. `None` when nothing counts. The lag is the minimum of the mean squared error over a 1 ms
 /// grid, refined by a parabola through its neighbours; at a border of the range the border is returned.
 #[must_use]
-pub fn tracking(pen: &[PathSample], tool: &[ToolSample]) -> Option<Tracking> {
+pub fn tracking(pen: &[PathSample], tool: &[ToolSample]) -> Option<TrackingErrors> {
     let now = shifted_error(pen, tool, 0.0)?;
     let at = |ms: i32| shifted_error(pen, tool, f64::from(ms) * 1e-3).map(|e| e.mse);
     let curve: Vec<(i32, f64)> = (LAG_FIRST_MS..=LAG_LAST_MS).filter_map(|ms| Some((ms, at(ms)?))).collect();
@@ -83,7 +82,7 @@ pub fn tracking(pen: &[PathSample], tool: &[ToolSample]) -> Option<Tracking> {
         (Some(before), Some(after)) => vertex(before, best, after),
         _ => 0.0,
     };
-    Some(Tracking {
+    Some(TrackingErrors {
         mse_m2: now.mse,
         rmse_m: now.mse.sqrt(),
         max_m: now.max,

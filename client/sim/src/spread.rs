@@ -5,7 +5,7 @@ use serde::Serialize;
 
 /// Counts durations in nanoseconds, from 1 ns to 100 s; longer ones count as 100 s.
 #[derive(Debug, Clone)]
-pub struct Spread(Histogram<u64>);
+pub struct DurationHistogram(Histogram<u64>);
 
 /// Quantiles in reports \[µs\].
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Default)]
@@ -23,23 +23,22 @@ pub struct Bucket {
     pub count: u64,
 }
 
-impl Default for Spread {
+impl Default for DurationHistogram {
     fn default() -> Self {
         let histogram = Histogram::new_with_bounds(1, Self::LONGEST_NS, 3);
         Self(histogram.unwrap_or_else(|_| unreachable!("bounds and digits are constants in range")))
     }
 }
 
-impl From<Histogram<u64>> for Spread {
+impl From<Histogram<u64>> for DurationHistogram {
     fn from(histogram: Histogram<u64>) -> Self {
         Self(histogram)
     }
 }
 
-impl Spread {
+impl DurationHistogram {
     const LONGEST_NS: u64 = 100_000_000_000;
 
-    /// Adds a duration.
     pub fn add_ns(&mut self, ns: u64) {
         self.0.saturating_record(ns.min(Self::LONGEST_NS));
     }
@@ -83,7 +82,7 @@ mod tests {
 
     #[test]
     fn quantiles_of_a_thousand_equal_steps() {
-        let mut spread = Spread::default();
+        let mut spread = DurationHistogram::default();
         (1..=1000).for_each(|k| spread.add_ns(k * 1000));
         let q = spread.quantiles();
         assert!((q.p50 - 500.0).abs() < 1.0 && (q.p99 - 990.0).abs() < 1.0 && (q.max - 1000.0).abs() < 1.0);
@@ -92,18 +91,18 @@ mod tests {
 
     #[test]
     fn doublings_hold_every_count_once_and_in_order() {
-        let mut spread = Spread::default();
+        let mut spread = DurationHistogram::default();
         [500, 900, 1_500, 7_000, 7_500].into_iter().for_each(|ns| spread.add_ns(ns));
         let counts: Vec<_> =
             spread.doublings().iter().map(|bucket| (bucket.up_to_us, bucket.count)).collect();
         assert_eq!(counts, [(1, 2), (2, 1), (4, 0), (8, 2)]);
-        assert!(Spread::default().doublings().is_empty());
+        assert!(DurationHistogram::default().doublings().is_empty());
     }
 
     #[test]
     fn nothing_counted_is_zero_and_the_absurd_is_capped() {
-        assert_eq!(Spread::default().quantiles(), Quantiles::default());
-        let mut spread = Spread::default();
+        assert_eq!(DurationHistogram::default().quantiles(), Quantiles::default());
+        let mut spread = DurationHistogram::default();
         spread.add_ns(u64::MAX);
         assert!(spread.quantiles().max <= 101e6);
     }

@@ -61,10 +61,10 @@ pub fn write(file: &Path, write: impl FnOnce(&mut BufWriter<File>) -> io::Result
 /// locked by nobody was left by a process that ended early: `leftover` removes or renames it, or refuses.
 ///
 /// # Errors
-/// [`ErrorKind::ResourceBusy`]: a living process writes it. [`ErrorKind::AlreadyExists`]: it is no regular
+/// [`ErrorKind::ResourceBusy`]: a living process writes it. [`ErrorKind::AlreadyExists`]: it is not a regular
 /// file. Whatever `leftover` and the file system say.
 pub fn begin(part: &Path, leftover: impl Fn(&Path) -> io::Result<()>) -> io::Result<File> {
-    /// Others may take it away and make it anew in between, but not for ever.
+    /// Others may take it away and make it again in between, but not for ever.
     const TRIES: usize = 8;
     let busy = || io::Error::new(ErrorKind::ResourceBusy, "another process is writing it");
     for _ in 0..TRIES {

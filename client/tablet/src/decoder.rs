@@ -2,9 +2,10 @@
 //!
 //! Contract: pure, no allocation. A reading is made at the end of a group of events, of a pen that is in
 //! range, and once more when it leaves. After lost events nothing is believed until the whole state came
-//! anew. Positions are metres from the middle of the active area, x to the right, y away from the writer.
+//! again. Positions are metres from the middle of the active area, x to the right, y away from the writer.
 
-use foretrace_client::{PenReading, pen_flags};
+use foretrace_client::PenReading;
+use foretrace_client::wire::pen_flags;
 
 use crate::event::{
     ABS_PRESSURE, ABS_TILT_X, ABS_TILT_Y, ABS_X, ABS_Y, BTN_LEFT, BTN_MIDDLE, BTN_RIGHT, BTN_STYLUS,
@@ -16,7 +17,6 @@ use crate::pressure::Pressure;
 /// A device without a contact button touches from this share of its pressure on.
 const TOUCH_SHARE: f32 = 0.02;
 
-/// One absolute axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Axis {
     /// Middle of its range.
@@ -36,9 +36,7 @@ impl Axis {
 pub enum Geometry {
     /// A pen tablet, or a touchscreen (`tools` false): it says where the tip is.
     Absolute {
-        /// To the right.
         x: Axis,
-        /// Towards the writer.
         y: Axis,
         /// Where the device tells pressure.
         pressure: Option<Pressure>,
@@ -50,10 +48,7 @@ pub enum Geometry {
         touch: bool,
     },
     /// A mouse: it says how far it moved.
-    Relative {
-        /// Metres per count.
-        per_count_m: f64,
-    },
+    Relative { per_count_m: f64 },
 }
 
 /// The buttons that count, as bits.
@@ -92,7 +87,7 @@ impl Buttons {
 
 /// The whole state of a device, asked of the kernel.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct State {
+pub struct DeviceState {
     /// Codes and values of its absolute axes.
     pub axes: Vec<(u16, i32)>,
     /// Codes of the buttons that are held.
@@ -102,7 +97,6 @@ pub struct State {
 /// What an event led to.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Decoded {
-    /// Nothing yet.
     Nothing,
     /// A reading of a pen in range.
     Reading(PenReading),
@@ -125,8 +119,8 @@ pub struct Decoder {
     y: i64,
     pressure: i32,
     tilt: [i32; 2],
-    /// Both coordinates are known.
-    placed: [bool; 2],
+    /// Which coordinates are known.
+    known: [bool; 2],
     in_range: bool,
     /// Events were lost; everything up to the next report is of unknown order.
     lost: bool,
@@ -136,7 +130,7 @@ impl Decoder {
     /// Knows nothing of the device's state yet.
     #[must_use]
     pub fn new(geometry: Geometry) -> Self {
-        let placed = [matches!(geometry, Geometry::Relative { .. }); 2];
+        let known = [matches!(geometry, Geometry::Relative { .. }); 2];
         Self {
             geometry,
             buttons: Buttons::default(),
@@ -144,13 +138,12 @@ impl Decoder {
             y: 0,
             pressure: 0,
             tilt: [0; 2],
-            placed,
+            known,
             in_range: false,
             lost: false,
         }
     }
 
-    /// Takes one event.
     pub fn take(&mut self, event: Event) -> Decoded {
         match (event.class, event.code) {
             (Class::Syn, SYN_DROPPED) => self.lost = true,
@@ -171,8 +164,8 @@ impl Decoder {
 
     fn axis(&mut self, code: u16, value: i32) {
         match code {
-            ABS_X => (self.x, self.placed[0]) = (i64::from(value), true),
-            ABS_Y => (self.y, self.placed[1]) = (i64::from(value), true),
+            ABS_X => (self.x, self.known[0]) = (i64::from(value), true),
+            ABS_Y => (self.y, self.known[1]) = (i64::from(value), true),
             ABS_PRESSURE => self.pressure = value,
             ABS_TILT_X => self.tilt[0] = value,
             ABS_TILT_Y => self.tilt[1] = value,
@@ -181,7 +174,7 @@ impl Decoder {
     }
 
     /// The whole state, after lost events and at the beginning; read at `now_ns`.
-    pub fn resync(&mut self, state: &State, now_ns: u64) -> Decoded {
+    pub fn resync(&mut self, state: &DeviceState, now_ns: u64) -> Decoded {
         self.lost = false;
         self.buttons = Buttons::default();
         state.held.iter().for_each(|code| self.buttons.set(*code, true));
@@ -195,7 +188,7 @@ impl Decoder {
             Geometry::Absolute { tools: true, .. } => self.buttons.has(TOOLS | RUBBER),
             Geometry::Absolute { .. } => self.buttons.has(TOUCH),
             Geometry::Relative { .. } => true,
-        } && self.placed == [true; 2];
+        } && self.known == [true; 2];
         if !self.in_range {
             return if was_in_range { Decoded::Gone { stamp_ns } } else { Decoded::Nothing };
         }

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use evdevil::Evdev;
 use evdevil::event::{Abs, InputEvent, Key, Rel};
 
-use crate::decoder::{Axis, Geometry, State};
+use crate::decoder::{Axis, DeviceState, Geometry};
 use crate::event::{
     ABS_PRESSURE, ABS_TILT_X, ABS_TILT_Y, ABS_X, ABS_Y, BTN_LEFT, BTN_TOOL_PEN, BTN_TOUCH, Class, Event,
     REL_X, REL_Y,
@@ -23,16 +23,15 @@ const MOUSE_COUNT_M: f64 = 25.4e-6;
 
 /// What a device is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Kind {
+pub enum DeviceKind {
     /// A pen tablet or pen display.
     Pen,
     /// A touchscreen or touchpad.
     Touch,
-    /// A mouse.
     Mouse,
 }
 
-impl Kind {
+impl DeviceKind {
     /// The word for it.
     #[must_use]
     pub const fn label(self) -> &'static str {
@@ -46,22 +45,21 @@ impl Kind {
 
 /// A device that was found.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Listed {
+pub struct ListedDevice {
     /// Its file in /dev/input.
     pub path: PathBuf,
     /// Its name, as it says.
     pub name: String,
-    /// What it is.
-    pub kind: Kind,
+    pub kind: DeviceKind,
     /// Size of the active area \[mm\], where the device tells it.
     pub size_mm: Option<[f64; 2]>,
 }
 
 /// What a search found.
 #[derive(Debug, Clone, Default)]
-pub struct Found {
+pub struct FoundDevices {
     /// Devices that can be a pen, in the order of their files.
-    pub devices: Vec<Listed>,
+    pub devices: Vec<ListedDevice>,
     /// Devices that this user may not open.
     pub forbidden: usize,
 }
@@ -71,29 +69,16 @@ pub struct Found {
 pub enum DeviceError {
     /// It cannot be opened.
     #[error("{}: {source}", path.display())]
-    Closed {
-        /// Its file.
-        path: PathBuf,
-        /// The system's error.
-        source: io::Error,
-    },
+    Closed { path: PathBuf, source: io::Error },
     /// It has no axes of a pen.
     #[error("{}: neither pen, touchscreen nor mouse", path.display())]
-    NoPen {
-        /// Its file.
-        path: PathBuf,
-    },
+    NoPen { path: PathBuf },
     /// It does not tell its size.
     #[error(
         "{}: the device does not tell its size ({found}): measure its active area and give --mm WIDTHxHEIGHT",
         path.display()
     )]
-    NoSize {
-        /// Its file.
-        path: PathBuf,
-        /// What it tells.
-        found: String,
-    },
+    NoSize { path: PathBuf, found: String },
     /// There is no folder of input devices.
     #[error("/dev/input cannot be read: {0}: see that this machine has input devices")]
     NoDevices(io::Error),
@@ -118,16 +103,16 @@ impl DeviceError {
 /// # Errors
 ///
 /// `NoDevices`.
-pub fn list() -> Result<Found, DeviceError> {
-    let mut found = Found::default();
+pub fn list() -> Result<FoundDevices, DeviceError> {
+    let mut found = FoundDevices::default();
     for device in evdevil::enumerate().map_err(DeviceError::NoDevices)? {
         match device {
             Ok((path, device)) => {
                 // A device may go while it is asked.
                 if let Ok(Some(kind)) = kind(&device) {
                     let name = device.name().unwrap_or_default();
-                    let size_mm = told_size_mm(&device).ok().flatten();
-                    found.devices.push(Listed { path, name, kind, size_mm });
+                    let size_mm = reported_size_mm(&device).ok().flatten();
+                    found.devices.push(ListedDevice { path, name, kind, size_mm });
                 }
             }
             Err(error) if error.kind() == io::ErrorKind::PermissionDenied => found.forbidden += 1,
@@ -138,12 +123,11 @@ pub fn list() -> Result<Found, DeviceError> {
     Ok(found)
 }
 
-/// An open device.
 #[derive(Debug)]
 pub struct Device {
     evdev: Evdev,
     name: String,
-    kind: Kind,
+    kind: DeviceKind,
     geometry: Geometry,
 }
 
@@ -161,7 +145,7 @@ impl Device {
         let kind =
             kind(&evdev).map_err(closed)?.ok_or_else(|| DeviceError::NoPen { path: path.to_owned() })?;
         let geometry = match kind {
-            Kind::Mouse => Geometry::Relative { per_count_m: MOUSE_COUNT_M },
+            DeviceKind::Mouse => Geometry::Relative { per_count_m: MOUSE_COUNT_M },
             _ => absolute(&evdev, kind, size_mm)
                 .map_err(closed)?
                 .map_err(|found| DeviceError::NoSize { path: path.to_owned(), found })?,
@@ -180,9 +164,8 @@ impl Device {
         &self.name
     }
 
-    /// What it is.
     #[must_use]
-    pub const fn kind(&self) -> Kind {
+    pub const fn kind(&self) -> DeviceKind {
         self.kind
     }
 
@@ -221,7 +204,7 @@ impl Device {
     /// # Errors
     ///
     /// The device is gone.
-    pub fn state(&self) -> io::Result<State> {
+    pub fn state(&self) -> io::Result<DeviceState> {
         let held = self.evdev.key_state()?.iter().map(Key::raw).collect();
         let has = self.evdev.supported_abs_axes()?;
         let mut axes = Vec::new();
@@ -231,29 +214,29 @@ impl Device {
                 axes.push((code, self.evdev.abs_info(axis)?.raw_value()));
             }
         }
-        Ok(State { axes, held })
+        Ok(DeviceState { axes, held })
     }
 }
 
-fn kind(device: &Evdev) -> io::Result<Option<Kind>> {
+fn kind(device: &Evdev) -> io::Result<Option<DeviceKind>> {
     let (keys, axes, rel) =
         (device.supported_keys()?, device.supported_abs_axes()?, device.supported_rel_axes()?);
     let key = |code| keys.contains(Key::from_raw(code));
-    let placed = axes.contains(Abs::X) && axes.contains(Abs::Y);
+    let positions = axes.contains(Abs::X) && axes.contains(Abs::Y);
     let moves = rel.contains(Rel::from_raw(REL_X)) && rel.contains(Rel::from_raw(REL_Y));
-    Ok(if placed && key(BTN_TOOL_PEN) {
-        Some(Kind::Pen)
-    } else if placed && key(BTN_TOUCH) {
-        Some(Kind::Touch)
+    Ok(if positions && key(BTN_TOOL_PEN) {
+        Some(DeviceKind::Pen)
+    } else if positions && key(BTN_TOUCH) {
+        Some(DeviceKind::Touch)
     } else if moves && key(BTN_LEFT) {
-        Some(Kind::Mouse)
+        Some(DeviceKind::Mouse)
     } else {
         None
     })
 }
 
-/// The size that the device tells [mm]; `None`: it tells none that can be.
-fn told_size_mm(device: &Evdev) -> io::Result<Option<[f64; 2]>> {
+/// The size that the device tells \[mm\]; `None`: it tells none that can be.
+fn reported_size_mm(device: &Evdev) -> io::Result<Option<[f64; 2]>> {
     let size = |axis| -> io::Result<f64> {
         let info = device.abs_info(axis)?;
         let range = f64::from(info.maximum()) - f64::from(info.minimum());
@@ -263,14 +246,18 @@ fn told_size_mm(device: &Evdev) -> io::Result<Option<[f64; 2]>> {
     if !(axes.contains(Abs::X) && axes.contains(Abs::Y)) {
         return Ok(None);
     }
-    let told = [size(Abs::X)?, size(Abs::Y)?];
-    Ok(told.iter().all(|mm| SIZE_MM.contains(mm)).then_some(told))
+    let reported = [size(Abs::X)?, size(Abs::Y)?];
+    Ok(reported.iter().all(|mm| SIZE_MM.contains(mm)).then_some(reported))
 }
 
 /// The geometry; the inner error tells what the device says of its size.
-fn absolute(device: &Evdev, kind: Kind, size_mm: Option<[f64; 2]>) -> io::Result<Result<Geometry, String>> {
+fn absolute(
+    device: &Evdev,
+    kind: DeviceKind,
+    size_mm: Option<[f64; 2]>,
+) -> io::Result<Result<Geometry, String>> {
     let (x, y) = (device.abs_info(Abs::X)?, device.abs_info(Abs::Y)?);
-    let Some([width, height]) = size_mm.or(told_size_mm(device)?) else {
+    let Some([width, height]) = size_mm.or(reported_size_mm(device)?) else {
         return Ok(Err(format!(
             "resolution {} and {} units/mm over {} and {} units",
             x.resolution(),
@@ -285,29 +272,23 @@ fn absolute(device: &Evdev, kind: Kind, size_mm: Option<[f64; 2]>) -> io::Result
         Axis { middle: 0.5 * (low + high), per_unit: mm * 1e-3 / (high - low).max(1.0) }
     };
     let axes = device.supported_abs_axes()?;
-    let pressure = match axes.contains(Abs::PRESSURE) {
-        true => {
-            let info = device.abs_info(Abs::PRESSURE)?;
-            Pressure::new(info.minimum(), info.maximum())
-        }
-        false => None,
-    };
+    let has = |axis| axes.contains(axis);
+    let pressure = has(Abs::PRESSURE).then(|| device.abs_info(Abs::PRESSURE)).transpose()?;
+    let pressure = pressure.and_then(|info| Pressure::new(info.minimum(), info.maximum()));
     let tilt = |axis| -> io::Result<Axis> {
         let resolution = device.abs_info(axis)?.resolution();
         // Units per radian; drivers that tell none mean degrees.
         let per_unit = if resolution > 0 { 1.0 / f64::from(resolution) } else { 1_f64.to_radians() };
         Ok(Axis { middle: 0.0, per_unit })
     };
-    let tilt = match axes.contains(Abs::TILT_X) && axes.contains(Abs::TILT_Y) {
-        true => Some([tilt(Abs::TILT_X)?, tilt(Abs::TILT_Y)?]),
-        false => None,
-    };
+    let tilted = has(Abs::TILT_X) && has(Abs::TILT_Y);
+    let tilt = if tilted { Some([tilt(Abs::TILT_X)?, tilt(Abs::TILT_Y)?]) } else { None };
     Ok(Ok(Geometry::Absolute {
         x: axis(&x, width),
         y: axis(&y, height),
         pressure,
         tilt,
-        tools: kind == Kind::Pen,
+        tools: kind == DeviceKind::Pen,
         touch: device.supported_keys()?.contains(Key::from_raw(BTN_TOUCH)),
     }))
 }

@@ -5,11 +5,8 @@
 pub enum Class {
     /// End of a group, or lost events.
     Syn,
-    /// A button.
     Key,
-    /// A relative axis.
     Rel,
-    /// An absolute axis.
     Abs,
     /// Of no use here.
     Other,

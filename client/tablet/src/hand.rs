@@ -4,24 +4,15 @@
 //! pressure included; when it is let go the pen goes on from where it stayed, whatever the hand and the scale
 //! did meanwhile. Limits, envelope and monitor of the daemon know nothing of it.
 
-use foretrace_client::{PenReading, pen_flags};
+use foretrace_client::PenReading;
+use foretrace_client::wire::pen_flags;
 
 /// An axis of the pen's plane.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum PlaneAxis {
-    /// To the right.
     X,
     /// Away from the writer.
     Y,
-}
-
-impl PlaneAxis {
-    const fn index(self) -> usize {
-        match self {
-            Self::X => 0,
-            Self::Y => 1,
-        }
-    }
 }
 
 /// How the hand's plane lies in the pen's.
@@ -60,7 +51,7 @@ pub struct NotClutched;
 
 /// A hand with its mapping, clutch and lock.
 #[derive(Debug, Clone, Default)]
-pub struct Hand {
+pub struct MappedHand {
     mapping: Mapping,
     /// Added to what is mapped \[m\].
     offset_m: [f64; 2],
@@ -76,14 +67,14 @@ pub struct Hand {
     last: Option<([f64; 2], PenReading)>,
 }
 
-impl Hand {
+impl MappedHand {
     /// A hand whose clutch is let go.
     #[must_use]
     pub fn new(mapping: Mapping) -> Self {
         Self { mapping, ..Self::default() }
     }
 
-    /// What the daemon is told of a reading of the device.
+    /// What the daemon gets of a reading of the device.
     pub fn map(&mut self, device: PenReading) -> PenReading {
         let hand = [device.x_m, device.y_m];
         let reading = match self.stays {
@@ -105,7 +96,7 @@ impl Hand {
         }
         let mut at: [f64; 2] = std::array::from_fn(|axis| mapped[axis] + self.offset_m[axis]);
         if let Some(axis) = self.lock {
-            at[axis.index()] = *self.locked_m.get_or_insert(at[axis.index()]);
+            at[axis as usize] = *self.locked_m.get_or_insert(at[axis as usize]);
         }
         let [x_m, y_m] = at;
         let tilt_rad = device.tilt_rad.map(|tilt| self.mapping.turned(tilt.map(f64::from)).map(|t| t as f32));
@@ -116,7 +107,10 @@ impl Hand {
     pub fn clutch(&mut self, held: bool) {
         match (self.clutched, held) {
             (false, true) => self.stays = self.last.map(|(_, reading)| reading),
-            (true, false) => self.go_on(),
+            // The next reading continues where the pen stayed, wherever the hand has gone out of range.
+            (true, false) => {
+                self.anchor_m = self.stays.take().map(|stays| [stays.x_m, stays.y_m]).or(self.anchor_m);
+            }
             _ => {}
         }
         self.clutched = held;
@@ -126,11 +120,6 @@ impl Hand {
     #[must_use]
     pub const fn is_clutched(&self) -> bool {
         self.clutched
-    }
-
-    /// The next reading continues where the pen stayed, wherever the hand has gone out of range.
-    fn go_on(&mut self) {
-        self.anchor_m = self.stays.take().map(|stays| [stays.x_m, stays.y_m]).or(self.anchor_m);
     }
 
     /// Moves the pen further or less far for the same hand; takes effect when the clutch is let go.
@@ -155,12 +144,12 @@ impl Hand {
     /// Keeps one coordinate of the pen as it is, or none. When it is let go the pen goes on without a jump.
     pub fn lock(&mut self, axis: Option<PlaneAxis>) {
         if let (Some(old), Some(kept), Some((hand, _))) = (self.lock, self.locked_m, self.last) {
-            self.offset_m[old.index()] = kept - self.mapping.of(hand)[old.index()];
+            self.offset_m[old as usize] = kept - self.mapping.of(hand)[old as usize];
         }
         self.lock = axis;
         self.locked_m = axis.and_then(|axis| {
             let (_, reading) = self.last?;
-            Some([reading.x_m, reading.y_m][axis.index()])
+            Some([reading.x_m, reading.y_m][axis as usize])
         });
     }
 
@@ -181,7 +170,7 @@ mod tests {
         PenReading { x_m, y_m, contact: true, ..PenReading::default() }
     }
 
-    fn place(reading: PenReading) -> [f64; 2] {
+    fn position(reading: PenReading) -> [f64; 2] {
         [reading.x_m, reading.y_m]
     }
 
@@ -191,7 +180,7 @@ mod tests {
 
     #[test]
     fn mirror_rotation_and_scale_are_the_ones_worked_by_hand() {
-        let mut hand = Hand::new(Mapping {
+        let mut hand = MappedHand::new(Mapping {
             scale: 2.0,
             rotation_rad: std::f64::consts::FRAC_PI_2,
             mirror: [true, false],
@@ -199,80 +188,80 @@ mod tests {
         // (1, 2) mirrored is (-1, 2), turned left is (-2, -1), twice as large (-4, -2).
         let tilted = PenReading { tilt_rad: Some([0.1, 0.2]), ..at(1.0, 2.0) };
         let reading = hand.map(tilted);
-        assert!(near(place(reading), [-4.0, -2.0]), "{reading:?}");
+        assert!(near(position(reading), [-4.0, -2.0]), "{reading:?}");
         let [tilt_x, tilt_y] = reading.tilt_rad.unwrap();
         assert!((tilt_x + 0.2).abs() < 1e-6 && (tilt_y + 0.1).abs() < 1e-6);
     }
 
     #[test]
     fn the_pen_stays_while_the_hand_moves_and_goes_on_without_a_jump() {
-        let mut hand = Hand::new(Mapping::default());
+        let mut hand = MappedHand::new(Mapping::default());
         hand.map(at(0.01, 0.02));
         hand.clutch(true);
         for step in 0..100 {
             let lifted = PenReading { device_stamp_ns: step, contact: false, ..at(0.01 * step as f64, 0.3) };
             let reading = hand.map(lifted);
-            assert_eq!((place(reading), reading.contact), ([0.01, 0.02], true));
+            assert_eq!((position(reading), reading.contact), ([0.01, 0.02], true));
             assert_eq!(reading.device_stamp_ns, step);
         }
         hand.clutch(false);
-        assert!(near(place(hand.map(at(0.99, 0.3))), [0.01, 0.02]));
+        assert!(near(position(hand.map(at(0.99, 0.3))), [0.01, 0.02]));
         // From there the hand leads again, as far as it moves.
-        assert!(near(place(hand.map(at(1.0, 0.29))), [0.02, 0.01]));
+        assert!(near(position(hand.map(at(1.0, 0.29))), [0.02, 0.01]));
     }
 
     #[test]
     fn a_hand_that_left_the_range_while_clutched_goes_on_without_a_jump_wherever_it_returns() {
-        let mut hand = Hand::new(Mapping::default());
+        let mut hand = MappedHand::new(Mapping::default());
         hand.map(at(0.0, 0.0));
         hand.clutch(true);
         hand.map(at(0.0, 0.0));
         assert!(hand.gone(1).is_some());
         hand.clutch(false);
-        assert!(near(place(hand.map(at(0.3, 0.0))), [0.0, 0.0]));
-        assert!(near(place(hand.map(at(0.4, 0.1))), [0.1, 0.1]));
+        assert!(near(position(hand.map(at(0.3, 0.0))), [0.0, 0.0]));
+        assert!(near(position(hand.map(at(0.4, 0.1))), [0.1, 0.1]));
         // Clutched and let go again before any reading: the pen is still where it stayed.
         hand.clutch(true);
         hand.clutch(false);
         hand.clutch(true);
         hand.clutch(false);
-        assert!(near(place(hand.map(at(-0.2, 0.5))), [0.1, 0.1]));
+        assert!(near(position(hand.map(at(-0.2, 0.5))), [0.1, 0.1]));
     }
 
     #[test]
     fn scale_changes_only_while_clutched_and_without_a_jump() {
-        let mut hand = Hand::new(Mapping::default());
+        let mut hand = MappedHand::new(Mapping::default());
         hand.map(at(0.1, 0.1));
         assert_eq!(hand.set_scale(0.5), Err(NotClutched));
-        assert!(near(place(hand.map(at(0.1, 0.1))), [0.1, 0.1]));
+        assert!(near(position(hand.map(at(0.1, 0.1))), [0.1, 0.1]));
         hand.clutch(true);
         hand.set_scale(0.5).unwrap();
-        assert!(near(place(hand.map(at(0.5, 0.5))), [0.1, 0.1]));
+        assert!(near(position(hand.map(at(0.5, 0.5))), [0.1, 0.1]));
         hand.clutch(false);
-        assert!(near(place(hand.map(at(0.5, 0.5))), [0.1, 0.1]));
-        assert!(near(place(hand.map(at(0.6, 0.5))), [0.15, 0.1]));
+        assert!(near(position(hand.map(at(0.5, 0.5))), [0.1, 0.1]));
+        assert!(near(position(hand.map(at(0.6, 0.5))), [0.15, 0.1]));
     }
 
     #[test]
     fn a_lock_keeps_one_coordinate_and_lets_go_without_a_jump() {
-        let mut hand = Hand::new(Mapping::default());
+        let mut hand = MappedHand::new(Mapping::default());
         hand.map(at(0.1, 0.1));
         hand.lock(Some(PlaneAxis::Y));
-        assert!(near(place(hand.map(at(0.3, 0.4))), [0.3, 0.1]));
+        assert!(near(position(hand.map(at(0.3, 0.4))), [0.3, 0.1]));
         hand.lock(None);
-        assert!(near(place(hand.map(at(0.3, 0.4))), [0.3, 0.1]));
-        assert!(near(place(hand.map(at(0.3, 0.5))), [0.3, 0.2]));
+        assert!(near(position(hand.map(at(0.3, 0.4))), [0.3, 0.1]));
+        assert!(near(position(hand.map(at(0.3, 0.5))), [0.3, 0.2]));
     }
 
     #[test]
-    fn a_clutch_before_the_first_sample_invents_no_place() {
-        let mut hand = Hand::new(Mapping::default());
+    fn a_clutch_before_the_first_sample_invents_no_position() {
+        let mut hand = MappedHand::new(Mapping::default());
         assert_eq!(hand.gone(5), None);
         hand.clutch(true);
-        assert!(near(place(hand.map(at(0.2, 0.2))), [0.2, 0.2]));
-        assert!(near(place(hand.map(at(0.5, 0.5))), [0.2, 0.2]));
+        assert!(near(position(hand.map(at(0.2, 0.2))), [0.2, 0.2]));
+        assert!(near(position(hand.map(at(0.5, 0.5))), [0.2, 0.2]));
         hand.clutch(false);
-        assert!(near(place(hand.map(at(0.5, 0.5))), [0.2, 0.2]));
+        assert!(near(position(hand.map(at(0.5, 0.5))), [0.2, 0.2]));
         let gone = hand.gone(7).unwrap();
         assert_eq!((gone.contact, gone.device_stamp_ns, gone.x_m), (false, 7, 0.2));
     }

@@ -15,7 +15,7 @@ pub struct Pressure {
 }
 
 impl Pressure {
-    /// Of a device that tells pressure from `minimum` to `maximum`; none where that is no range.
+    /// Of a device that tells pressure from `minimum` to `maximum`; none where that is not a range.
     #[must_use]
     pub fn new(minimum: i32, maximum: i32) -> Option<Self> {
         let range = f64::from(maximum) - f64::from(minimum);
@@ -27,12 +27,6 @@ impl Pressure {
         let of_device = ((f64::from(value) - self.minimum) / self.range).clamp(0.0, 1.0);
         self.hardest = self.hardest.max(of_device);
         (of_device / self.hardest) as f32
-    }
-
-    /// Share of the device's range that counts as 1.
-    #[must_use]
-    pub const fn hardest(&self) -> f64 {
-        self.hardest
     }
 }
 
@@ -47,7 +41,7 @@ mod tests {
         assert!((pressure.share(819) - 0.4).abs() < 1e-3);
         assert!((pressure.share(4096) - 1.0).abs() < 1e-6);
         assert!((pressure.share(2048) - 0.5).abs() < 1e-3);
-        assert!((pressure.hardest() - 0.5).abs() < 1e-3);
+        assert!((pressure.hardest - 0.5).abs() < 1e-3);
         assert_eq!((pressure.share(-5), pressure.share(i32::MAX)), (0.0, 1.0));
     }
 

@@ -7,7 +7,6 @@ const KEPT: usize = 256;
 /// What is longer is a pause \[ns\].
 const PAUSE_NS: u64 = 100_000_000;
 
-/// Collects intervals.
 #[derive(Debug, Clone)]
 pub struct Rate {
     last_ns: Option<u64>,
@@ -15,9 +14,8 @@ pub struct Rate {
     count: usize,
 }
 
-/// What was measured.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Told {
+pub struct MeasuredRate {
     /// Readings per second, from the median interval.
     pub hz: f64,
     /// 95 % of the intervals are this close to the median \[ms\].
@@ -36,8 +34,8 @@ impl Rate {
         if let Some(last) = self.last_ns {
             let interval = stamp_ns.saturating_sub(last);
             if (1..PAUSE_NS).contains(&interval) {
-                if let Some(place) = self.intervals.get_mut(self.count % KEPT) {
-                    *place = u32::try_from(interval).unwrap_or(u32::MAX);
+                if let Some(slot) = self.intervals.get_mut(self.count % KEPT) {
+                    *slot = u32::try_from(interval).unwrap_or(u32::MAX);
                 }
                 self.count += 1;
             }
@@ -47,7 +45,7 @@ impl Rate {
 
     /// The rate; none before there are 20 intervals.
     #[must_use]
-    pub fn told(&self) -> Option<Told> {
+    pub fn measured(&self) -> Option<MeasuredRate> {
         let kept = self.count.min(KEPT);
         if kept < 20 {
             return None;
@@ -61,7 +59,7 @@ impl Rate {
         }
         sorted.sort_unstable();
         let off = *sorted.get(kept * 95 / 100)?;
-        Some(Told { hz: 1e9 / f64::from(median.max(1)), jitter_ms: f64::from(off) * 1e-6 })
+        Some(MeasuredRate { hz: 1e9 / f64::from(median.max(1)), jitter_ms: f64::from(off) * 1e-6 })
     }
 }
 
@@ -77,21 +75,24 @@ mod tests {
                 rate.take(stroke * 3_000_000_000 + index * 5_000_000);
             }
         }
-        let told = rate.told().unwrap();
-        assert!((told.hz - 200.0).abs() < 1e-9 && told.jitter_ms == 0.0, "{told:?}");
+        let measured = rate.measured().unwrap();
+        assert!((measured.hz - 200.0).abs() < 1e-9 && measured.jitter_ms == 0.0, "{measured:?}");
     }
 
     #[test]
     fn jitter_is_what_nineteen_of_twenty_intervals_keep_within() {
         let mut rate = Rate::default();
-        assert_eq!(rate.told(), None);
+        assert_eq!(rate.measured(), None);
         let mut stamp = 0;
         for index in 0..400_u64 {
             stamp += if index % 4 == 0 { 6_000_000 } else { 5_000_000 };
             rate.take(stamp);
         }
-        let told = rate.told().unwrap();
-        assert!((told.hz - 200.0).abs() < 1e-9 && (told.jitter_ms - 1.0).abs() < 1e-9, "{told:?}");
+        let measured = rate.measured().unwrap();
+        assert!(
+            (measured.hz - 200.0).abs() < 1e-9 && (measured.jitter_ms - 1.0).abs() < 1e-9,
+            "{measured:?}"
+        );
     }
 
     #[test]
@@ -100,6 +101,6 @@ mod tests {
         for stamp in [9, 9, 8, u64::MAX, 0, 7].into_iter().cycle().take(1000) {
             rate.take(stamp);
         }
-        assert!(rate.told().is_none_or(|told| told.hz.is_finite()));
+        assert!(rate.measured().is_none_or(|measured| measured.hz.is_finite()));
     }
 }

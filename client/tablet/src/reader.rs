@@ -35,14 +35,13 @@ struct Losses {
     dropped: AtomicU64,
 }
 
-/// The device's thread.
 #[derive(Debug)]
-pub struct Reader {
+pub struct TabletReader {
     inputs: Receiver<Decoded>,
     losses: Arc<Losses>,
 }
 
-impl Reader {
+impl TabletReader {
     /// Begins to read `device`.
     ///
     /// # Errors

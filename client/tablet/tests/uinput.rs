@@ -7,7 +7,7 @@ use evdevil::AbsInfo;
 use evdevil::event::{Abs, AbsEvent, InputEvent, Key, KeyEvent, KeyState};
 use evdevil::uinput::{AbsSetup, UinputDevice};
 use foretrace_client::{PenReading, monotonic_now_ns};
-use foretrace_tablet::{Decoded, Decoder, Device, Input, Kind, Listed, Reader, list};
+use foretrace_tablet::{Decoded, Decoder, Device, DeviceKind, Input, ListedDevice, TabletReader, list};
 
 const PATIENCE: Duration = Duration::from_secs(10);
 
@@ -27,15 +27,15 @@ fn tablet(name: &str) -> Option<UinputDevice> {
     };
     build()
         .map_err(|error| {
-            let told = format!("skipped: a virtual tablet needs /dev/uinput: {error}\n");
+            let reported = format!("skipped: a virtual tablet needs /dev/uinput: {error}\n");
             // Not captured by the test runner.
-            let _ = io::stderr().write_all(told.as_bytes());
+            let _ = io::stderr().write_all(reported.as_bytes());
         })
         .ok()
 }
 
 /// The device as it is listed, which takes the system a moment.
-fn listed(name: &str) -> Listed {
+fn listed(name: &str) -> ListedDevice {
     let deadline = Instant::now() + PATIENCE;
     loop {
         let found = list().unwrap().devices.into_iter().find(|device| device.name == name);
@@ -55,7 +55,7 @@ fn place(x: i32, y: i32, pressure: i32) -> [InputEvent; 3] {
     [(Abs::X, x), (Abs::Y, y), (Abs::PRESSURE, pressure)].map(|(abs, value)| AbsEvent::new(abs, value).into())
 }
 
-fn next(reader: &Reader) -> Decoded {
+fn next(reader: &TabletReader) -> Decoded {
     match reader.next(PATIENCE) {
         Input::Decoded(decoded) => decoded,
         other => panic!("{other:?}"),
@@ -63,7 +63,7 @@ fn next(reader: &Reader) -> Decoded {
 }
 
 /// The next reading with this contact. The state at the start may come before the events that led to it.
-fn reading(reader: &Reader, contact: bool) -> PenReading {
+fn reading(reader: &TabletReader, contact: bool) -> PenReading {
     loop {
         match next(reader) {
             Decoded::Reading(reading) if reading.contact == contact => return reading,
@@ -77,8 +77,8 @@ fn reading(reader: &Reader, contact: bool) -> PenReading {
 fn a_stroke_comes_through_the_kernel_with_its_place_its_contact_and_monotonic_stamps() {
     let Some(pen) = tablet("foretrace test pen") else { return };
     let found = listed("foretrace test pen");
-    assert_eq!((found.kind, found.size_mm), (Kind::Pen, Some([216.0, 135.0])));
-    let reader = Reader::start(Device::open(&found.path, None, false).unwrap()).unwrap();
+    assert_eq!((found.kind, found.size_mm), (DeviceKind::Pen, Some([216.0, 135.0])));
+    let reader = TabletReader::start(Device::open(&found.path, None, false).unwrap()).unwrap();
     let before = monotonic_now_ns();
     pen.write_events(&[&[key(Key::BTN_TOOL_PEN, true)][..], &place(10_800, 6_750, 0)].concat()).unwrap();
     let hover = reading(&reader, false);
@@ -94,10 +94,10 @@ fn a_stroke_comes_through_the_kernel_with_its_place_its_contact_and_monotonic_st
 }
 
 #[test]
-fn an_unplugged_tablet_is_told_and_found_again() {
+fn an_unplugged_tablet_is_reported_and_found_again() {
     let name = "foretrace test unplugged";
     let Some(pen) = tablet(name) else { return };
-    let reader = Reader::start(Device::open(&listed(name).path, None, false).unwrap()).unwrap();
+    let reader = TabletReader::start(Device::open(&listed(name).path, None, false).unwrap()).unwrap();
     drop(pen);
     assert!(matches!(reader.next(PATIENCE), Input::Unplugged));
     let Some(_pen) = tablet(name) else { panic!("uinput was there a moment ago") };

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use super::faults;
 use super::listen::serve;
 use super::network::Shared;
-use super::options::{Options, Service};
+use super::options::{ControllerOptions, Service};
 use super::world::World;
 
 /// Farther behind than this the loop does not catch up: the process was stopped, not busy.
@@ -31,14 +31,7 @@ pub struct Controller {
 pub enum StartError {
     /// A port is taken, or the address is none of this host's.
     #[error("cannot bind {address} ({}): {error}; use --bind 127.0.0.2 for a second one", service.name())]
-    Port {
-        /// Of what.
-        service: Service,
-        /// Where.
-        address: SocketAddr,
-        /// Why.
-        error: std::io::Error,
-    },
+    Port { service: Service, address: SocketAddr, error: std::io::Error },
     /// The system gives no thread.
     #[error("no thread: {0}")]
     Thread(std::io::Error),
@@ -50,7 +43,7 @@ impl Controller {
     /// # Errors
     ///
     /// See [`StartError`].
-    pub fn start(options: Options) -> Result<Self, StartError> {
+    pub fn start(options: ControllerOptions) -> Result<Self, StartError> {
         let mut listeners = Vec::new();
         for service in Service::ALL {
             let port = if options.ephemeral_ports { 0 } else { service.port() };
@@ -103,15 +96,14 @@ impl Controller {
     }
 
     /// Connections that are open now.
-    #[must_use]
-    pub fn open_connections(&self) -> usize {
-        self.shared.open_connections()
+    #[cfg(test)]
+    pub(crate) fn open_connections(&self) -> usize {
+        self.shared.connections().len()
     }
 
-    /// Connections so far.
     #[must_use]
     pub fn connections(&self) -> usize {
-        self.shared.taken()
+        self.shared.taken.load(Ordering::Relaxed)
     }
 }
 

@@ -5,12 +5,12 @@ use std::net::{SocketAddr, TcpStream};
 use std::time::{Duration, Instant};
 
 use super::*;
-use foretrace_ur::rtde::{Client, RtdeError, Value};
+use foretrace_ur::rtde::{RtdeClient, RtdeError, RtdeValue};
 
 const PATIENCE: Duration = Duration::from_secs(10);
 
 fn start(series: Series) -> Controller {
-    Controller::start(Options { ephemeral_ports: true, ..Options::new(series) }).unwrap()
+    Controller::start(ControllerOptions { ephemeral_ports: true, ..ControllerOptions::new(series) }).unwrap()
 }
 
 fn at(controller: &Controller, service: Service) -> SocketAddr {
@@ -58,7 +58,7 @@ fn line(stream: &mut TcpStream) -> String {
     String::from_utf8(line).unwrap()
 }
 
-fn receive(client: &mut Client) -> Vec<Value> {
+fn receive(client: &mut RtdeClient) -> Vec<RtdeValue> {
     client.receive(PATIENCE).unwrap().expect("no package").values
 }
 
@@ -118,8 +118,8 @@ fn a_control_client_sets_up_uploads_and_talks_through_registers() {
 fn an_input_is_in_use_until_its_connection_ends() {
     let controller = start(Series::Cb3);
     let rtde = at(&controller, Service::Rtde);
-    let mut first = Client::connect(rtde, PATIENCE).unwrap();
-    let mut second = Client::connect(rtde, PATIENCE).unwrap();
+    let mut first = RtdeClient::connect(rtde, PATIENCE).unwrap();
+    let mut second = RtdeClient::connect(rtde, PATIENCE).unwrap();
     first.set_up_inputs(&["input_int_register_24", "input_int_register_25"]).unwrap();
     let denied = second.set_up_inputs(&["input_int_register_26", "input_int_register_25"]);
     assert!(matches!(denied, Err(RtdeError::InUse(name)) if name == "input_int_register_25"));
@@ -141,9 +141,9 @@ fn timestamps_are_whole_cycles_and_a_client_that_does_not_read_stalls_nobody() {
     for series in [Series::Cb3, Series::E] {
         let controller = start(series);
         let rate = f64::from(series.rate_hz());
-        let mut deaf: Vec<Client> = Vec::new();
+        let mut deaf: Vec<RtdeClient> = Vec::new();
         for _ in 0..3 {
-            let mut client = Client::connect(at(&controller, Service::Rtde), PATIENCE).unwrap();
+            let mut client = RtdeClient::connect(at(&controller, Service::Rtde), PATIENCE).unwrap();
             let all =
                 ["timestamp", "actual_q", "target_q", "actual_qd", "actual_TCP_pose", "actual_TCP_speed"];
             client.set_up_outputs(&all, rate).unwrap();
@@ -153,7 +153,7 @@ fn timestamps_are_whole_cycles_and_a_client_that_does_not_read_stalls_nobody() {
         // These are sent 0.5 MB a second and never read either.
         let _deaf_real_time = open(&controller, Service::RealTime);
         let _deaf_primary = open(&controller, Service::Primary);
-        let mut client = Client::connect(at(&controller, Service::Rtde), PATIENCE).unwrap();
+        let mut client = RtdeClient::connect(at(&controller, Service::Rtde), PATIENCE).unwrap();
         client.set_up_outputs(&["timestamp"], rate).unwrap();
         client.start().unwrap();
         let mut last = receive(&mut client)[0].double().unwrap();
@@ -197,11 +197,12 @@ fn dashboard_primary_and_real_time_speak_first() {
     for service in
         [Service::Primary, Service::Secondary, Service::PrimaryReadOnly, Service::SecondaryReadOnly]
     {
-        let mut client = foretrace_ur::primary::Client::connect(at(&controller, service), PATIENCE).unwrap();
+        let mut client =
+            foretrace_ur::primary::PrimaryClient::connect(at(&controller, service), PATIENCE).unwrap();
         let first = client.receive(PATIENCE).unwrap().unwrap();
         assert!(format!("{first:?}").contains("Version"), "{first:?}");
         let second = client.receive(PATIENCE).unwrap().unwrap();
-        assert!(matches!(second, foretrace_ur::primary::Package::State(_)), "{second:?}");
+        assert!(matches!(second, foretrace_ur::primary::PrimaryPackage::State(_)), "{second:?}");
     }
     let mut real_time = open(&controller, Service::RealTimeReadOnly);
     let mut size = [0; 4];
@@ -210,16 +211,18 @@ fn dashboard_primary_and_real_time_speak_first() {
 }
 
 #[test]
-fn a_script_that_asks_for_the_unknown_is_told_line_and_column() {
+fn a_script_that_asks_for_the_unknown_is_reported_line_and_column() {
     let controller = start(Series::Cb3);
     let mut client =
-        foretrace_ur::primary::Client::connect(at(&controller, Service::Primary), PATIENCE).unwrap();
+        foretrace_ur::primary::PrimaryClient::connect(at(&controller, Service::Primary), PATIENCE).unwrap();
     let mut script = open(&controller, Service::Secondary);
     let mut told = |text: &str| {
         script.write_all(text.as_bytes()).unwrap();
         loop {
-            if let Some(foretrace_ur::primary::Package::Message(message)) = client.receive(PATIENCE).unwrap()
-                && let foretrace_ur::primary::Said::RuntimeException { line, column, text } = message.said
+            if let Some(foretrace_ur::primary::PrimaryPackage::Message(message)) =
+                client.receive(PATIENCE).unwrap()
+                && let foretrace_ur::primary::MessageContent::RuntimeException { line, column, text } =
+                    message.content
             {
                 return (line, column, text);
             }
@@ -238,25 +241,25 @@ fn a_script_that_asks_for_the_unknown_is_told_line_and_column() {
 fn a_reboot_and_a_switched_off_service_are_felt_and_pass() {
     let controller = start(Series::E);
     let rtde = at(&controller, Service::Rtde);
-    let mut client = Client::connect(rtde, PATIENCE).unwrap();
+    let mut client = RtdeClient::connect(rtde, PATIENCE).unwrap();
     assert_eq!(controller.obey("reboot 0.3"), "ok");
     assert!(client.controller_version().is_err());
     let away = Instant::now();
     let mut again = loop {
-        if let Ok(client) = Client::connect(rtde, PATIENCE) {
+        if let Ok(client) = RtdeClient::connect(rtde, PATIENCE) {
             break client;
         }
         assert!(away.elapsed() < PATIENCE, "never back");
     };
     again.set_up_outputs(&["robot_mode"], 500.0).unwrap();
     again.start().unwrap();
-    assert_eq!(receive(&mut again), [Value::Int32(3)]);
+    assert_eq!(receive(&mut again), [RtdeValue::Int32(3)]);
     assert_eq!(controller.obey("service rtde off"), "ok");
     while again.receive(PATIENCE).is_ok() {
         assert!(away.elapsed() < 2 * PATIENCE, "never closed");
     }
     assert_eq!(controller.obey("service rtde on"), "ok");
-    while Client::connect(rtde, PATIENCE).is_err() {
+    while RtdeClient::connect(rtde, PATIENCE).is_err() {
         assert!(away.elapsed() < 3 * PATIENCE, "never open again");
     }
 }
@@ -264,7 +267,7 @@ fn a_reboot_and_a_switched_off_service_are_felt_and_pass() {
 #[test]
 fn hostile_bytes_hurt_nobody_else() {
     let controller = start(Series::E);
-    let mut client = Client::connect(at(&controller, Service::Rtde), PATIENCE).unwrap();
+    let mut client = RtdeClient::connect(at(&controller, Service::Rtde), PATIENCE).unwrap();
     client.set_up_outputs(&["timestamp", "robot_mode"], 500.0).unwrap();
     client.start().unwrap();
     let mut random = 0x1234_5678_9abc_def1u64;
@@ -302,7 +305,7 @@ fn hostile_bytes_hurt_nobody_else() {
     }
     let before = receive(&mut client)[0].double().unwrap();
     let after = receive(&mut client);
-    assert!(after[0].double().unwrap() > before && after[1] == Value::Int32(7), "{after:?}");
+    assert!(after[0].double().unwrap() > before && after[1] == RtdeValue::Int32(7), "{after:?}");
 }
 
 #[test]
@@ -326,26 +329,26 @@ fn more_connections_than_a_service_has_are_left_and_others_come_when_they_go() {
 fn a_watchdog_stops_the_program_whose_client_is_gone() {
     let controller = start(Series::E);
     let rtde = at(&controller, Service::Rtde);
-    let mut client = Client::connect(rtde, PATIENCE).unwrap();
+    let mut client = RtdeClient::connect(rtde, PATIENCE).unwrap();
     let inputs = client.set_up_inputs(&["input_int_register_24"]).unwrap();
-    client.send(&inputs, &[Value::Int32(1)]).unwrap();
+    client.send(&inputs, &[RtdeValue::Int32(1)]).unwrap();
     let mut script = open(&controller, Service::Primary);
     let text = "def w():\n  rtde_set_watchdog(\"input_int_register_24\", 10, \"stop\")\n  while True:\n    \
                 speedj([0.2,0,0,0,0,0], 1, 0.002)\n  end\nend\n";
     script.write_all(text.as_bytes()).unwrap();
-    let mut observer = Client::connect(rtde, PATIENCE).unwrap();
+    let mut observer = RtdeClient::connect(rtde, PATIENCE).unwrap();
     observer.set_up_outputs(&["runtime_state", "actual_qd", "actual_q"], 500.0).unwrap();
     observer.start().unwrap();
-    let fast = |values: &[Value]| values[1].vector6d().unwrap()[0];
+    let fast = |values: &[RtdeValue]| values[1].vector6d().unwrap()[0];
     let began = Instant::now();
     while fast(&receive(&mut observer)) < 0.19 {
-        client.send(&inputs, &[Value::Int32(1)]).unwrap();
+        client.send(&inputs, &[RtdeValue::Int32(1)]).unwrap();
         assert!(began.elapsed() < PATIENCE, "never moved");
     }
     drop(client);
     loop {
         let values = receive(&mut observer);
-        if values[0] == Value::Uint32(1) && fast(&values).abs() < 1e-4 {
+        if values[0] == RtdeValue::Uint32(1) && fast(&values).abs() < 1e-4 {
             break;
         }
         assert!(began.elapsed() < 2 * PATIENCE, "never stopped");

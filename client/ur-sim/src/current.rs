@@ -14,7 +14,6 @@ pub(super) const NM_PER_A: [f64; 6] = [12.6, 12.6, 12.6, 9.3, 9.3, 9.3];
 /// A joint faster than this slides \[rad/s\].
 const SLIDES_RADPS: f64 = 0.01;
 
-/// The arm's masses.
 #[derive(Debug, Clone)]
 pub(super) struct Motors {
     /// `None`: the description cannot be read, which a test excludes.

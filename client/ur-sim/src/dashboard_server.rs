@@ -13,8 +13,7 @@ pub const GREETING: &str = "Connected: Universal Robots Dashboard Server";
 
 /// What comes of a command.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Answer {
-    /// A line.
+pub enum DashboardReply {
     Line(String),
     /// A line, then the connection ends.
     Last(String),
@@ -33,25 +32,25 @@ const REMOTE_ONLY: [&str; 8] = [
 ];
 
 /// Answers `command`.
-pub fn answer(world: &mut World, command: &str) -> Answer {
+pub fn answer(world: &mut World, command: &str) -> DashboardReply {
     let series = world.robot.options.series;
     let version = world.robot.options.version;
     let since = |major, minor| (version.major, version.minor) >= (major, minor);
     let failed = || format!("Failed to execute: {command}");
     let (first, argument) = command.split_once(' ').unwrap_or((command, ""));
     if series == Series::E && !world.remote && (REMOTE_ONLY.contains(&command) || first == "load") {
-        return Answer::Line(failed());
+        return DashboardReply::Line(failed());
     }
     let runtime = world.runtime();
     let name = match world.program_name() {
         "" => "<unnamed>".to_owned(),
         name => format!("{name}.urp"),
     };
-    Answer::Line(match command {
-        "quit" => return Answer::Last("Disconnected".to_owned()),
+    DashboardReply::Line(match command {
+        "quit" => return DashboardReply::Last("Disconnected".to_owned()),
         "shutdown" => {
             world.power_off();
-            return Answer::Last("Shutting down".to_owned());
+            return DashboardReply::Last("Shutting down".to_owned());
         }
         "robotmode" => format!("Robotmode: {}", world.robot.mode.word()),
         "safetymode" => format!("Safetymode: {}", world.robot.safety.word()),
@@ -83,7 +82,7 @@ pub fn answer(world: &mut World, command: &str) -> Answer {
         }
         "brake release" => {
             if world.robot.mode == RobotMode::PowerOff {
-                return Answer::Line(failed());
+                return DashboardReply::Line(failed());
             }
             world.brake_release();
             "Brake releasing".to_owned()
@@ -118,17 +117,17 @@ pub fn answer(world: &mut World, command: &str) -> Answer {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::options::Options;
+    use crate::options::ControllerOptions;
 
     fn line(world: &mut World, command: &str) -> String {
         match answer(world, command) {
-            Answer::Line(line) | Answer::Last(line) => line,
+            DashboardReply::Line(line) | DashboardReply::Last(line) => line,
         }
     }
 
     #[test]
     fn power_up_goes_as_clients_do_it() {
-        let mut world = World::new(Options { running: false, ..Options::new(Series::E) });
+        let mut world = World::new(ControllerOptions { running: false, ..ControllerOptions::new(Series::E) });
         assert_eq!(line(&mut world, "robotmode"), "Robotmode: POWER_OFF");
         assert_eq!(line(&mut world, "brake release"), "Failed to execute: brake release");
         assert_eq!(line(&mut world, "power on"), "Powering on");
@@ -142,7 +141,7 @@ mod tests {
 
     #[test]
     fn a_program_is_played_paused_and_stopped() {
-        let mut world = World::new(Options::new(Series::Cb3));
+        let mut world = World::new(ControllerOptions::new(Series::Cb3));
         world.take_script("def p():\n  while True:\n    sync()\n  end\nend\n");
         assert_eq!(line(&mut world, "programState"), "PLAYING p.urp");
         assert_eq!(line(&mut world, "running"), "Program running: true");
@@ -157,7 +156,7 @@ mod tests {
 
     #[test]
     fn e_series_in_local_control_obeys_the_pendant_only() {
-        let mut world = World::new(Options::new(Series::E));
+        let mut world = World::new(ControllerOptions::new(Series::E));
         world.remote = false;
         assert_eq!(line(&mut world, "is in remote control"), "false");
         assert_eq!(line(&mut world, "power off"), "Failed to execute: power off");
@@ -168,7 +167,7 @@ mod tests {
 
     #[test]
     fn older_software_does_not_know_what_came_later() {
-        let mut options = Options::new(Series::E);
+        let mut options = ControllerOptions::new(Series::E);
         options.version.minor = 4;
         let mut world = World::new(options);
         assert_eq!(line(&mut world, "version"), "5.4.1.108318");
@@ -177,7 +176,7 @@ mod tests {
 
     #[test]
     fn cb3_does_not_know_what_came_with_e_series() {
-        let mut world = World::new(Options::new(Series::Cb3));
+        let mut world = World::new(ControllerOptions::new(Series::Cb3));
         assert!(line(&mut world, "is in remote control").starts_with("could not understand"));
         assert!(line(&mut world, "").starts_with("could not understand"));
     }

@@ -21,7 +21,7 @@ const PATIENCE: Duration = Duration::from_millis(50);
 
 /// A run in figures; keys are stable.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
-pub struct Tally {
+pub struct EchoTally {
     /// Cycles since the first counter came.
     pub cycles: u64,
     /// Cycles without a fresh counter.
@@ -34,13 +34,13 @@ pub struct Tally {
 
 /// What a controller sees of counters, cycle by cycle.
 #[derive(Debug, Clone, Copy, Default)]
-struct Seen {
-    tally: Tally,
+struct CounterWatch {
+    tally: EchoTally,
     counter: u64,
     missed: u64,
 }
 
-impl Seen {
+impl CounterWatch {
     /// A cycle that found `newest`; nothing is counted before the first.
     fn cycle(&mut self, newest: Option<u64>) {
         let Self { tally, counter, missed } = self;
@@ -74,8 +74,8 @@ pub fn controller(
     listener: &TcpListener,
     rate_hz: f64,
     goes_on: &mut dyn FnMut() -> bool,
-) -> std::io::Result<Tally> {
-    let mut seen = Seen::default();
+) -> std::io::Result<EchoTally> {
+    let mut seen = CounterWatch::default();
     listener.set_nonblocking(true)?;
     let mut partner = loop {
         match listener.accept() {
@@ -89,7 +89,7 @@ pub fn controller(
     };
     partner.set_nodelay(true)?;
     partner.set_nonblocking(true)?;
-    let (mut answers, state) = (Answers::default(), [0; STATE_BYTES]);
+    let (mut answers, state) = (AnswerReader::default(), [0; STATE_BYTES]);
     let (period, mut next) = (Duration::from_secs_f64(1.0 / rate_hz), Instant::now());
     while goes_on() {
         next += period;
@@ -108,18 +108,18 @@ pub fn controller(
 
 /// The bytes of an answer that is not whole yet.
 #[derive(Debug)]
-struct Answers {
+struct AnswerReader {
     bytes: [u8; ANSWER_BYTES],
     filled: usize,
 }
 
-impl Default for Answers {
+impl Default for AnswerReader {
     fn default() -> Self {
         Self { bytes: [0; ANSWER_BYTES], filled: 0 }
     }
 }
 
-impl Answers {
+impl AnswerReader {
     /// The newest counter that has come, if any; `None` when the partner has left.
     fn read(&mut self, partner: &mut TcpStream) -> std::io::Result<Option<Option<u64>>> {
         let mut newest = None;
@@ -186,11 +186,11 @@ mod tests {
 
     #[test]
     fn late_lost_and_longest_are_counted_as_the_program_counts_them() {
-        let mut seen = Seen::default();
+        let mut seen = CounterWatch::default();
         for newest in [None, Some(3), Some(4), None, None, Some(7), Some(7), Some(9)] {
             seen.cycle(newest);
         }
-        let expected = Tally { cycles: 6, late_cycles: 3, lost_counters: 3, longest_cycles: 2 };
+        let expected = EchoTally { cycles: 6, late_cycles: 3, lost_counters: 3, longest_cycles: 2 };
         assert_eq!(seen.tally, expected);
     }
 

@@ -6,7 +6,7 @@ use foretrace_sim::arm::Fault;
 use serde_json::json;
 
 use super::options::{Series, Service};
-use super::safety::{Breach, RobotMode, Stopped};
+use super::safety::{ProtectiveReason, RobotMode, SafetyBreach};
 use super::trouble::Trouble;
 use super::world::World;
 
@@ -52,7 +52,7 @@ fn act(
 ) -> Result<Option<String>, String> {
     let seconds = |seconds: f64| Duration::from_secs_f64(seconds);
     match command {
-        "protective-stop" => world.robot.protective_stop(Stopped::Asked),
+        "protective-stop" => world.robot.protective_stop(ProtectiveReason::Asked),
         "unlock" => {
             let cycle = world.robot.cycle;
             world.robot.safety.unlock(cycle)?;
@@ -61,12 +61,12 @@ fn act(
         "emergency-reset" => world.robot.safety.emergency = false,
         "safeguard-stop" => world.robot.safeguard_stop(),
         "safeguard-reset" => world.robot.safety.safeguard = false,
-        "violation" => world.robot.breach(Breach::Violation),
-        "fault" => world.robot.breach(Breach::Fault),
+        "violation" => world.robot.breach(SafetyBreach::Violation),
+        "fault" => world.robot.breach(SafetyBreach::Fault),
         "restart-safety" => world.restart_safety(),
-        "recovery" if on_off(arguments, 0)? => world.robot.breach(Breach::Recovery),
+        "recovery" if on_off(arguments, 0)? => world.robot.breach(SafetyBreach::Recovery),
         "recovery" => {
-            let there = world.robot.safety.breach == Some(Breach::Recovery);
+            let there = world.robot.safety.breach == Some(SafetyBreach::Recovery);
             refuse(there, "the robot is not in recovery mode")?;
             world.robot.safety.breach = None;
         }
@@ -92,8 +92,8 @@ fn act(
         "payload" => world.robot.payload.0 = number(arguments, 0, 0.0..=100.0)?,
         "tcp" => {
             let mut pose = [0.0; 6];
-            for (at, place) in pose.iter_mut().enumerate() {
-                *place = number(arguments, at, -10.0..=10.0)?;
+            for (at, value) in pose.iter_mut().enumerate() {
+                *value = number(arguments, at, -10.0..=10.0)?;
             }
             world.robot.tcp_offset = pose;
         }
@@ -150,7 +150,7 @@ pub fn status(world: &World) -> String {
         "timestamp_s": world.robot.timestamp(),
         "robot_mode": world.robot.mode.word(),
         "safety_mode": world.robot.safety.word(),
-        "protective_stop": world.robot.safety.protective().map(Stopped::text),
+        "protective_stop": world.robot.safety.protective().map(ProtectiveReason::text),
         "runtime_state": world.runtime().number(),
         "program": world.program_name(),
         "speed_slider": world.robot.slider,
@@ -165,11 +165,11 @@ pub fn status(world: &World) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::options::Options;
+    use crate::options::ControllerOptions;
 
     #[test]
     fn every_line_is_answered_by_one() {
-        let mut world = World::new(Options::new(Series::E));
+        let mut world = World::new(ControllerOptions::new(Series::E));
         let trouble = Trouble::default();
         let mut ask = |line: &str| obey(&mut world, &trouble, line);
         for good in [
@@ -205,7 +205,7 @@ mod tests {
         ] {
             assert_eq!(ask(good), "ok", "{good}");
         }
-        let mut cb3 = World::new(Options::new(Series::Cb3));
+        let mut cb3 = World::new(ControllerOptions::new(Series::Cb3));
         assert!(obey(&mut cb3, &trouble, "remote off").starts_with("error: CB3"));
         let mut ask = |line: &str| obey(&mut world, &trouble, line);
         for bad in [

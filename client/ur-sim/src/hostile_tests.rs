@@ -4,16 +4,16 @@ use std::fs;
 
 use proptest::prelude::*;
 
-use super::dashboard_server;
+use super::dashboard_server::{self, DashboardReply};
 use super::faults;
-use super::machine::MOST_SAID;
-use super::options::{Options, Series};
-use super::rtde_server::Session;
+use super::machine::MOST_MESSAGES;
+use super::options::{ControllerOptions, Series};
+use super::rtde_server::RtdeSession;
 use super::trouble::Trouble;
 use super::world::World;
 use crate::script::Uploads;
 use foretrace_ur::rtde::frames::Frames;
-use foretrace_ur::rtde::wire::{ProtocolVersion, Reply};
+use foretrace_ur::rtde::wire::{ProtocolVersion, RtdeReply};
 
 /// What a program may use up in a cycle, and what its last call may be beyond that.
 const MOST_INSTRUCTIONS: u32 = 20_000 + 20_000;
@@ -52,8 +52,8 @@ proptest! {
 
     #[test]
     fn any_conversation_is_answered_in_whole_packages(packages in prop::collection::vec(package(), 0..40)) {
-        let mut world = World::new(Options::new(Series::E));
-        let mut session = Session::new(1, &Options::new(Series::E));
+        let mut world = World::new(ControllerOptions::new(Series::E));
+        let mut session = RtdeSession::new(1, &ControllerOptions::new(Series::E));
         let mut version = ProtocolVersion::V1;
         for (kind, payload) in packages {
             let replies = session.answer(kind, &payload, &mut world);
@@ -62,7 +62,7 @@ proptest! {
                 let mut frames = Frames::default();
                 frames.feed(&bytes);
                 let (kind, payload) = frames.next_package().unwrap().unwrap();
-                prop_assert!(Reply::decode(kind, payload, version).is_ok());
+                prop_assert!(RtdeReply::decode(kind, payload, version).is_ok());
                 prop_assert_eq!(bytes.len(), payload.len() + 3);
             }
             if kind == b'V' && payload.len() == 2 && payload[0] == 0 {
@@ -79,10 +79,10 @@ proptest! {
         line in "\\PC{0,60}",
         word in "(load|popup|slider|tcp|arm|cut|service|reboot)",
     ) {
-        let mut world = World::new(Options::new(Series::Cb3));
+        let mut world = World::new(ControllerOptions::new(Series::Cb3));
         for line in [line.clone(), format!("{word} {line}")] {
             let answer = match dashboard_server::answer(&mut world, &line) {
-                dashboard_server::Answer::Line(text) | dashboard_server::Answer::Last(text) => text,
+                DashboardReply::Line(text) | DashboardReply::Last(text) => text,
             };
             prop_assert!(!answer.contains('\n'));
             prop_assert!(!faults::obey(&mut world, &Trouble::default(), &line).contains('\n'));
@@ -103,7 +103,7 @@ proptest! {
             "a = a + a\n", "a = \"\"\n", "a = str_cat(a, a)\n", "get_inverse_kin(p[9,0,0,0,0,0])\n",
         ]), 0..30),
     ) {
-        let mut world = World::new(Options::new(Series::Cb3));
+        let mut world = World::new(ControllerOptions::new(Series::Cb3));
         let mut text = Uploads::default();
         let mut programs = text.take(pieces.concat().as_bytes()).unwrap();
         programs.extend(text.finish());
@@ -116,7 +116,7 @@ proptest! {
                 let held = world.held();
                 prop_assert!(held.instructions <= MOST_INSTRUCTIONS, "{held:?}");
                 prop_assert!(held.threads <= 32 && held.waits <= held.threads, "{held:?}");
-                prop_assert!(held.messages <= MOST_SAID && held.watchdogs <= 64, "{held:?}");
+                prop_assert!(held.messages <= MOST_MESSAGES && held.watchdogs <= 64, "{held:?}");
             }
         }
         let joints = world.robot.actual();

@@ -1,7 +1,7 @@
 //! Input variables of RTDE: their values, when they were set last, and which connection owns them.
 
 use foretrace_ur::rtde::fields::{INPUTS, MajorMinor, Register, input};
-use foretrace_ur::rtde::value::{FieldType, Value};
+use foretrace_ur::rtde::value::{FieldType, RtdeValue};
 
 /// Registers of each kind.
 pub const REGISTERS: usize = 48;
@@ -11,30 +11,27 @@ const BITS: usize = 64;
 /// A connection, by a number that is never used again.
 pub type Owner = u64;
 
-/// Why an input cannot be had.
+/// Why an input is not possible.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Denied {
-    /// No such input.
     NotFound,
-    /// Another connection's.
     InUse,
 }
 
 #[derive(Debug, Clone, Copy)]
 struct Variable {
-    value: Value,
+    value: RtdeValue,
     set_at: Option<u64>,
     owner: Option<Owner>,
 }
 
-/// All input variables.
 #[derive(Debug)]
-pub struct Inputs {
+pub struct InputVariables {
     version: MajorMinor,
     variables: Vec<Variable>,
 }
 
-/// The place of a name among the variables.
+/// The slot of a name among the variables.
 fn slot(name: &str) -> Option<usize> {
     if let Some(row) = INPUTS.iter().position(|(known, ..)| *known == name) {
         return Some(row);
@@ -48,7 +45,7 @@ fn slot(name: &str) -> Option<usize> {
     Some(INPUTS.len() + before + number)
 }
 
-impl Inputs {
+impl InputVariables {
     /// All 0, nobody's.
     #[must_use]
     pub fn new(version: MajorMinor) -> Self {
@@ -59,12 +56,13 @@ impl Inputs {
             .iter()
             .map(|(_, kind, _)| *kind)
             .chain(registers)
-            .map(|kind| Variable { value: kind.zero(), set_at: None, owner: None })
+            .filter_map(|kind| kind.take(&mut &[0; 48][..]))
+            .map(|value| Variable { value, set_at: None, owner: None })
             .collect();
         Self { version, variables }
     }
 
-    /// Whether `owner` may have the input of this name: its place and type.
+    /// Whether `owner` may have the input of this name: its slot and type.
     ///
     /// # Errors
     ///
@@ -98,7 +96,7 @@ impl Inputs {
     }
 
     /// Sets a variable in control cycle `cycle`.
-    pub fn set(&mut self, slot: usize, value: Value, cycle: u64) {
+    pub fn set(&mut self, slot: usize, value: RtdeValue, cycle: u64) {
         if let Some(variable) = self.variables.get_mut(slot) {
             variable.value = value;
             variable.set_at = Some(cycle);
@@ -107,7 +105,7 @@ impl Inputs {
 
     /// The value of this name; `None` where there is no such input.
     #[must_use]
-    pub fn value(&self, name: &str) -> Option<Value> {
+    pub fn value(&self, name: &str) -> Option<RtdeValue> {
         self.variables.get(slot(name)?).map(|variable| variable.value)
     }
 
@@ -117,20 +115,18 @@ impl Inputs {
         self.variables.get(slot(name)?)?.set_at
     }
 
-    fn register(&self, before: usize, number: usize, count: usize) -> Option<Value> {
+    fn register(&self, before: usize, number: usize, count: usize) -> Option<RtdeValue> {
         if number >= count {
             return None;
         }
         self.variables.get(INPUTS.len() + before + number).map(|variable| variable.value)
     }
 
-    /// An integer register.
     #[must_use]
     pub fn integer(&self, number: usize) -> Option<i32> {
         self.register(0, number, REGISTERS)?.int32()
     }
 
-    /// A double register.
     #[must_use]
     pub fn double(&self, number: usize) -> Option<f64> {
         self.register(REGISTERS, number, REGISTERS)?.double()
@@ -153,7 +149,7 @@ mod tests {
 
     #[test]
     fn every_input_has_a_place_of_its_own_and_of_its_type() {
-        let inputs = Inputs::new((5, 11));
+        let inputs = InputVariables::new((5, 11));
         let mut names: Vec<String> = INPUTS.iter().map(|(name, ..)| (*name).to_owned()).collect();
         for number in 0..REGISTERS {
             names.push(format!("input_int_register_{number}"));
@@ -163,7 +159,7 @@ mod tests {
         let mut slots = Vec::new();
         for name in &names {
             let (slot, kind) = inputs.free(name, 1).unwrap();
-            assert_eq!(inputs.value(name).unwrap(), kind.zero(), "{name}");
+            assert_eq!(inputs.value(name), kind.take(&mut &[0; 48][..]), "{name}");
             slots.push(slot);
         }
         slots.sort_unstable();
@@ -173,12 +169,12 @@ mod tests {
 
     #[test]
     fn an_input_belongs_to_one_connection_until_that_ends() {
-        let mut inputs = Inputs::new((3, 15));
+        let mut inputs = InputVariables::new((3, 15));
         let (slot, _) = inputs.free("input_int_register_24", 1).unwrap();
         inputs.claim(&[slot], 1);
         assert_eq!(inputs.free("input_int_register_24", 2), Err(Denied::InUse));
         assert!(inputs.free("input_int_register_24", 1).is_ok());
-        inputs.set(slot, Value::Int32(5), 17);
+        inputs.set(slot, RtdeValue::Int32(5), 17);
         inputs.release(1);
         assert!(inputs.free("input_int_register_24", 2).is_ok());
         assert_eq!((inputs.integer(24), inputs.set_at("input_int_register_24")), (Some(5), Some(17)));

@@ -4,7 +4,10 @@
 //! from the posture given. The solution is the one nearest to that posture, as steps of least squares lead to
 //! it.
 
-use super::kinematics::{Dh, chain, frame, pose};
+use foretrace_ur::bridge::kinematics::DhParameters;
+use nalgebra::{Cholesky, Isometry3, Matrix6, UnitQuaternion, Vector6};
+
+use super::pose::{frame, pose};
 
 /// Steps of the search.
 const MOST_STEPS: usize = 60;
@@ -15,18 +18,16 @@ const DAMPING: f64 = 1e-4;
 /// A pose counts as reached within this \[m\], \[rad\].
 const REACHED: f64 = 1e-8;
 
-type Matrix6 = [[f64; 6]; 6];
-
 /// Joints \[rad\] near `near` for which the tool, `tcp` from the flange, is at `wanted`.
 #[must_use]
-pub fn joints_for(dh: &Dh, tcp: &[f64; 6], wanted: &[f64; 6], near: &[f64; 6]) -> Option<[f64; 6]> {
+pub fn joints_for(dh: &DhParameters, tcp: &[f64; 6], wanted: &[f64; 6], near: &[f64; 6]) -> Option<[f64; 6]> {
     search(dh, tcp, wanted, near, &mut 0)
 }
 
 /// The same; counts the steps that it takes.
 #[must_use]
 pub fn search(
-    dh: &Dh,
+    dh: &DhParameters,
     tcp: &[f64; 6],
     wanted: &[f64; 6],
     near: &[f64; 6],
@@ -40,110 +41,75 @@ pub fn search(
             return Some(q);
         }
         // Columns by finite differences: how the error shrinks with each joint.
-        let mut columns: Matrix6 = [[0.0; 6]; 6];
-        for (joint, column) in columns.iter_mut().enumerate() {
+        let mut jacobian = Matrix6::zeros();
+        for (joint, mut column) in jacobian.column_iter_mut().enumerate() {
             let mut moved = q;
             if let Some(q) = moved.get_mut(joint) {
                 *q += 1e-6;
             }
-            let after = off(dh, tcp, wanted, &moved);
-            for (entry, (before, after)) in column.iter_mut().zip(error.iter().zip(after)) {
-                *entry = (before - after) / 1e-6;
-            }
+            column.copy_from(&((error - off(dh, tcp, wanted, &moved)) / 1e-6));
         }
-        let step = least_squares(&columns, &error)?;
-        let longest = step.iter().fold(0.0, |most, step| f64::max(most, step.abs()));
+        // The step s with least |J s − e|² + damping² |s|², by its normal equations.
+        let normal = jacobian.tr_mul(&jacobian) + Matrix6::identity() * (DAMPING * DAMPING);
+        let step = Cholesky::new(normal)?.solve(&jacobian.tr_mul(&error));
+        let longest = step.amax();
+        if !longest.is_finite() {
+            return None;
+        }
         let share = if longest > LONGEST_STEP { LONGEST_STEP / longest } else { 1.0 };
-        q.iter_mut().zip(step).for_each(|(q, step)| *q += share * step);
+        q.iter_mut().zip(&step).for_each(|(q, step)| *q += share * step);
     }
     None
 }
 
-/// From the tool at `q` to `wanted`: place \[m\] and rotation vector \[rad\], in the base frame.
-fn off(dh: &Dh, tcp: &[f64; 6], wanted: &[f64; 6], q: &[f64; 6]) -> [f64; 6] {
-    let at = chain(&dh.flange(q), &frame(tcp));
-    let to = frame(wanted);
-    let [[a, b, c], [d, e, f], [g, h, i]] = at.0;
-    let back = ([[a, d, g], [b, e, h], [c, f, i]], [0.0; 3]);
-    let [.., rx, ry, rz] = pose(&chain(&(to.0, [0.0; 3]), &back));
-    let ([x, y, z], [ax, ay, az]) = (to.1, at.1);
-    [x - ax, y - ay, z - az, rx, ry, rz]
+/// From the tool at `q` to `wanted`: position \[m\] and rotation vector \[rad\], in the base frame.
+fn off(dh: &DhParameters, tcp: &[f64; 6], wanted: &[f64; 6], q: &[f64; 6]) -> Vector6<f64> {
+    let (at, to) = (dh.flange(q) * frame(tcp), frame(wanted));
+    let way = to.translation.vector - at.translation.vector;
+    let turn = (to.rotation * at.rotation.inverse()).scaled_axis();
+    Vector6::new(way.x, way.y, way.z, turn.x, turn.y, turn.z)
 }
 
-/// The step s with least |J s − e|² + damping² |s|², by its normal equations.
-fn least_squares(columns: &Matrix6, error: &[f64; 6]) -> Option<[f64; 6]> {
-    let dot = |a: &[f64; 6], b: &[f64; 6]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-    let mut rows: [([f64; 6], f64); 6] = [([0.0; 6], 0.0); 6];
-    for (i, (row, column)) in rows.iter_mut().zip(columns).enumerate() {
-        for (j, (entry, other)) in row.0.iter_mut().zip(columns).enumerate() {
-            *entry = dot(column, other) + if i == j { DAMPING * DAMPING } else { 0.0 };
-        }
-        row.1 = dot(column, error);
-    }
-    // Symmetric and positive definite: no pivoting is needed.
-    for i in 0..6 {
-        let (pivot, right) = *rows.get(i)?;
-        let diagonal = *pivot.get(i)?;
-        if !(diagonal > 0.0) {
-            return None;
-        }
-        for row in rows.iter_mut().skip(i + 1) {
-            let share = row.0.get(i)? / diagonal;
-            row.0.iter_mut().zip(pivot).for_each(|(entry, pivot)| *entry -= share * pivot);
-            row.1 -= share * right;
-        }
-    }
-    let mut step = [0.0; 6];
-    for i in (0..6).rev() {
-        let (row, right) = rows.get(i)?;
-        let known: f64 = row.iter().zip(step).skip(i + 1).map(|(entry, step)| entry * step).sum();
-        *step.get_mut(i)? = (right - known) / row.get(i)?;
-    }
-    step.iter().all(|step| step.is_finite()).then_some(step)
-}
-
-/// The way of `movel`: the tool's place along a straight line, its rotation about one axis.
+/// The path of `movel`: the tool's position along a straight line, its rotation about one axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Straight {
-    dh: Dh,
+    dh: DhParameters,
     tcp: [f64; 6],
-    from: [f64; 6],
-    /// Place \[m\] and rotation vector \[rad\] from the beginning to the end, in the base frame.
-    by: [f64; 6],
+    from: Isometry3<f64>,
+    /// Position \[m\] and rotation vector \[rad\] from the beginning to the end, in the base frame.
+    by: Vector6<f64>,
 }
 
 impl Straight {
     /// From where `q` has the tool to `to`.
     #[must_use]
-    pub fn new(dh: Dh, tcp: [f64; 6], q: &[f64; 6], to: &[f64; 6]) -> Self {
-        let from = pose(&chain(&dh.flange(q), &frame(&tcp)));
-        Self { dh, tcp, from, by: off(&dh, &tcp, to, q) }
+    pub fn new(dh: DhParameters, tcp: [f64; 6], q: &[f64; 6], to: &[f64; 6]) -> Self {
+        Self { dh, tcp, from: dh.flange(q) * frame(&tcp), by: off(&dh, &tcp, to, q) }
     }
 
-    /// Length of the way \[m\]; where the tool only turns, the angle \[rad\] counts instead.
+    /// Length of the path \[m\]; where the tool only turns, the angle \[rad\] counts instead.
     #[must_use]
     pub fn length(&self) -> f64 {
-        let [x, y, z, rx, ry, rz] = self.by;
-        let (way, turn) = ((x * x + y * y + z * z).sqrt(), (rx * rx + ry * ry + rz * rz).sqrt());
+        let (way, turn) = (self.by.fixed_rows::<3>(0).norm(), self.by.fixed_rows::<3>(3).norm());
         if way > 1e-6 { way } else { turn }
     }
 
-    /// Joints near `near` after the `share` of the way, in \[0, 1\].
+    /// Joints near `near` after the `share` of the path, in \[0, 1\].
     #[must_use]
     pub fn joints(&self, share: f64, near: &[f64; 6]) -> Option<[f64; 6]> {
-        let by = self.by.map(|by| share * by);
-        let [x, y, z, rx, ry, rz] = by;
-        let [fx, fy, fz, ..] = self.from;
-        let turned = chain(&frame(&[0.0, 0.0, 0.0, rx, ry, rz]), &(frame(&self.from).0, [0.0; 3]));
-        let wanted = pose(&(turned.0, [fx + x, fy + y, fz + z]));
-        joints_for(&self.dh, &self.tcp, &wanted, near)
+        let by = share * self.by;
+        let position = self.from.translation.vector + by.fixed_rows::<3>(0);
+        let turn = UnitQuaternion::new(by.fixed_rows::<3>(3).into_owned());
+        let wanted = Isometry3::from_parts(position.into(), turn * self.from.rotation);
+        joints_for(&self.dh, &self.tcp, &pose(&wanted), near)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::options::{Options, Series};
+    use crate::kinematics::{calibrated, nominal};
+    use crate::options::{ControllerOptions, Series};
     use proptest::prelude::*;
 
     proptest! {
@@ -154,11 +120,11 @@ mod tests {
             by in prop::array::uniform6(-0.4f64..0.4),
             tcp in prop::array::uniform6(-0.1f64..0.1),
         ) {
-            let dh = Dh::calibrated(Series::E, 0.003, 5, &Options::new(Series::E).q);
-            let near = Options::new(Series::E).q;
+            let dh = calibrated(Series::E, 0.003, 5, &ControllerOptions::new(Series::E).q);
+            let near = ControllerOptions::new(Series::E).q;
             let mut q = near;
             q.iter_mut().zip(by).for_each(|(q, by)| *q += by);
-            let wanted = pose(&chain(&dh.flange(&q), &frame(&tcp)));
+            let wanted = pose(&(dh.flange(&q) * frame(&tcp)));
             let found = joints_for(&dh, &tcp, &wanted, &near).unwrap();
             prop_assert!(off(&dh, &tcp, &wanted, &found).iter().all(|off| off.abs() < 1e-7));
         }
@@ -166,7 +132,7 @@ mod tests {
 
     #[test]
     fn what_is_out_of_reach_is_not_found() {
-        let (dh, near) = (Dh::nominal(Series::Cb3), Options::new(Series::Cb3).q);
+        let (dh, near) = (nominal(Series::Cb3), ControllerOptions::new(Series::Cb3).q);
         for wanted in [[2.0, 0.0, 0.3, 0.0, 3.1, 0.0], [f64::NAN; 6], [1e300; 6]] {
             assert_eq!(joints_for(&dh, &[0.0; 6], &wanted, &near), None);
         }
@@ -174,15 +140,14 @@ mod tests {
 
     #[test]
     fn a_straight_way_is_straight() {
-        let (dh, q) = (Dh::nominal(Series::E), Options::new(Series::E).q);
+        let (dh, q) = (nominal(Series::E), ControllerOptions::new(Series::E).q);
         let mut to = pose(&dh.flange(&q));
         to[0] -= 0.05;
         to[2] += 0.1;
         let way = Straight::new(dh, [0.0; 6], &q, &to);
         assert!((way.length() - 0.125f64.sqrt() * 0.1f64.sqrt()).abs() < 1e-9, "{}", way.length());
         let half = way.joints(0.5, &q).unwrap();
-        let (_, [x, y, z]) = dh.flange(&half);
-        let (_, [fx, fy, fz]) = dh.flange(&q);
-        assert!((x - fx + 0.025).abs() < 1e-7 && (y - fy).abs() < 1e-7 && (z - fz - 0.05).abs() < 1e-7);
+        let moved = dh.flange(&half).translation.vector - dh.flange(&q).translation.vector;
+        assert!((moved - nalgebra::Vector3::new(-0.025, 0.0, 0.05)).norm() < 1e-7, "{moved}");
     }
 }

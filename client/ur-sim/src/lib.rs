@@ -12,6 +12,7 @@
 
 pub mod script;
 pub mod options;
+pub mod pose;
 pub mod kinematics;
 pub mod inverse;
 pub mod motion;
@@ -36,12 +37,12 @@ pub mod listen;
 pub mod control;
 
 pub use control::{Controller, StartError};
-pub use options::{Options, Series, Service};
+pub use options::{ControllerOptions, Series, Service};
 
 pub mod echo;
 
 #[cfg(test)]
-#[path = "../../ur/src/fuzz.rs"]
+#[path = "../../ur/src/tests/fuzz.rs"]
 mod fuzz;
 #[cfg(test)]
 mod conversation_tests;

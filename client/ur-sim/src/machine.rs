@@ -7,30 +7,28 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-use super::inputs::{Inputs, REGISTERS};
+use super::inputs::{InputVariables, REGISTERS};
 use super::inverse::search;
-use super::motion::Motion;
-use super::names::{NOT_SIMULATED, SIMULATED};
-use super::robot::Robot;
-use super::safety::Stopped;
-use crate::script::{Arguments, Call, Called, Machine, ThreadId, Value};
-use foretrace_ur::primary::Said;
+use super::motion::RobotMotion;
+use super::names::{is_known_only, is_simulated};
+use super::pose::{frame, pose};
+use super::robot::SimulatedRobot;
+use super::safety::ProtectiveReason;
+use crate::script::{Arguments, Called, Machine, MachineCall, ThreadId, Value};
+use foretrace_ur::primary::MessageContent;
 
 /// Watchdogs that a program may set.
 const MOST_WATCHDOGS: usize = 64;
 /// Messages that wait to be sent.
-pub const MOST_SAID: usize = 256;
+pub const MOST_MESSAGES: usize = 256;
 /// What a step of the search for joints takes, in instructions of a program.
 const INSTRUCTIONS_PER_STEP: u32 = 150;
 /// What the search for an input by its name takes, or the place of the tool.
 const INSTRUCTIONS_PER_SEARCH: u32 = 20;
 
-/// Output registers.
 #[derive(Debug, Clone)]
 pub struct Registers {
-    /// Integers.
     pub integers: [i32; REGISTERS],
-    /// Doubles.
     pub doubles: [f64; REGISTERS],
     /// Bits 0 to 127.
     pub bits: u128,
@@ -45,7 +43,6 @@ impl Default for Registers {
 /// What happens when an input stays away.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Away {
-    /// Nothing.
     Ignore,
     /// The program is paused.
     Pause,
@@ -56,11 +53,9 @@ pub enum Away {
 /// `rtde_set_watchdog`.
 #[derive(Debug, Clone)]
 pub struct Watchdog {
-    /// Of the input.
     pub name: String,
     /// Cycles without it that are allowed.
     pub cycles: u64,
-    /// Then.
     pub away: Away,
     /// When it was set.
     pub since: u64,
@@ -69,20 +64,16 @@ pub struct Watchdog {
 /// The robot in the hands of a program.
 #[derive(Debug)]
 pub struct Hands<'a> {
-    /// The robot.
-    pub robot: &'a mut Robot,
-    /// Input variables.
-    pub inputs: &'a Inputs,
-    /// Output registers.
+    pub robot: &'a mut SimulatedRobot,
+    pub inputs: &'a InputVariables,
     pub registers: &'a mut Registers,
-    /// The program's.
     pub watchdogs: &'a mut Vec<Watchdog>,
     /// Until which cycle threads wait, and which of them moves the robot.
     pub waits: &'a mut BTreeMap<ThreadId, u64>,
     /// Thread whose motion is going on.
     pub mover: &'a mut Option<ThreadId>,
     /// Messages for ports 30001 and 30002.
-    pub said: &'a mut VecDeque<Said>,
+    pub messages: &'a mut VecDeque<MessageContent>,
     /// Instructions that calls took since they were counted.
     pub spent: u32,
 }
@@ -112,7 +103,7 @@ fn index(value: Option<&Value>, count: usize) -> Result<usize> {
 
 impl Hands<'_> {
     /// Waits `cycles` from the first call on; 1 is the rest of this cycle.
-    pub(super) fn wait(&mut self, call: &Call<'_>, cycles: u64) -> Called {
+    pub(super) fn wait(&mut self, call: &MachineCall<'_>, cycles: u64) -> Called {
         let now = self.robot.cycle;
         if call.first {
             if cycles <= 1 {
@@ -147,10 +138,16 @@ impl Hands<'_> {
         found
     }
 
-    pub(super) fn say(&mut self, said: Said) {
-        if self.said.len() < MOST_SAID {
-            self.said.push_back(said);
+    fn say(&mut self, text: String) {
+        if self.messages.len() < MOST_MESSAGES {
+            self.messages.push_back(MessageContent::Text(text));
         }
+    }
+
+    /// The tool as a call names it by its offset from the flange, else as it is set.
+    fn tool(&self, tcp: Option<&Value>) -> Result<[f64; 6]> {
+        let named = tcp.map(|tcp| tcp.as_numbers::<6>().ok_or("wants a pose for tcp")).transpose()?;
+        Ok(named.unwrap_or(self.robot.tcp_offset))
     }
 
     fn registers(&mut self, name: &str, arguments: &Arguments) -> Result<Value> {
@@ -305,8 +302,7 @@ impl Hands<'_> {
                 let [x, near, _, _, tcp] = arguments.bind(names)?;
                 let x = x.and_then(Value::as_numbers::<6>).ok_or("wants a pose for x")?;
                 let near = if near.is_some() { joints(near, "qnear")? } else { actual.q };
-                let tcp = tcp.map(|tcp| tcp.as_numbers::<6>().ok_or("wants a pose for tcp")).transpose()?;
-                let tcp = tcp.unwrap_or(self.robot.tcp_offset);
+                let tcp = self.tool(tcp)?;
                 let found = self.joints_for(&tcp, &x, &near);
                 if name == "get_inverse_kin" {
                     Value::floats(&found.ok_or("finds no joints for this pose")?)
@@ -317,16 +313,12 @@ impl Hands<'_> {
             _ => {
                 let [q, tcp] = arguments.bind(["q", "tcp"])?;
                 let q = if q.is_some() { joints(q, "q")? } else { actual.q };
-                let tcp = tcp.map(|tcp| tcp.as_numbers::<6>().ok_or("wants a pose for tcp")).transpose()?;
-                let offset = tcp.unwrap_or(self.robot.tcp_offset);
-                let flange = self.robot.dh.flange(&q);
-                let tcp = super::kinematics::chain(&flange, &super::kinematics::frame(&offset));
-                Value::Pose(super::kinematics::pose(&tcp))
+                Value::Pose(pose(&(self.robot.dh.flange(&q) * frame(&self.tool(tcp)?))))
             }
         })
     }
 
-    fn answer(&mut self, call: &Call<'_>) -> Result<Called> {
+    fn answer(&mut self, call: &MachineCall<'_>) -> Result<Called> {
         let arguments = call.arguments;
         let value = match call.name {
             "servoj" | "movej" | "movel" | "speedj" | "stopj" | "stopl" => return self.motion(call),
@@ -339,17 +331,16 @@ impl Hands<'_> {
             "textmsg" => {
                 let [first, second] = arguments.bind(["s1", "s2"])?;
                 let text: String = [first, second].iter().flatten().map(ToString::to_string).collect();
-                self.say(Said::Text(text));
+                self.say(text);
                 Value::None
             }
             "popup" => {
-                let names = ["s", "title", "warning", "error", "blocking"];
-                let [text, ..] = arguments.bind(names)?;
-                self.say(Said::Text(text.map(ToString::to_string).unwrap_or_default()));
+                let [text, ..] = arguments.bind(["s", "title", "warning", "error", "blocking"])?;
+                self.say(text.map(ToString::to_string).unwrap_or_default());
                 Value::None
             }
             "protective_stop" => {
-                self.robot.protective_stop(Stopped::Asked);
+                self.robot.protective_stop(ProtectiveReason::Asked);
                 Value::None
             }
             "rtde_set_watchdog" => self.watchdog(arguments)?,
@@ -369,14 +360,14 @@ impl Hands<'_> {
 
 impl Machine for Hands<'_> {
     fn knows(&self, name: &str) -> bool {
-        SIMULATED.contains(&name) || NOT_SIMULATED.contains(&name)
+        is_simulated(name) || is_known_only(name)
     }
 
-    fn call(&mut self, call: &Call<'_>) -> Called {
-        if NOT_SIMULATED.contains(&call.name) {
+    fn call(&mut self, call: &MachineCall<'_>) -> Called {
+        if is_known_only(call.name) {
             return Called::Failed(format!("{} is not simulated", call.name));
         }
-        if !SIMULATED.contains(&call.name) {
+        if !is_simulated(call.name) {
             return Called::Unknown;
         }
         self.answer(call).unwrap_or_else(|message| Called::Failed(format!("{} {message}", call.name)))
@@ -391,7 +382,10 @@ impl Machine for Hands<'_> {
         if *self.mover == Some(thread) {
             *self.mover = None;
             // A streamed target is held; a planned motion does not go on without its thread.
-            if matches!(self.robot.motion, Motion::Line(_) | Motion::Straight { .. } | Motion::Speed { .. }) {
+            if matches!(
+                self.robot.motion,
+                RobotMotion::Line(_) | RobotMotion::Straight { .. } | RobotMotion::Speed { .. }
+            ) {
                 self.robot.brake(4.0);
             }
         }

@@ -11,7 +11,7 @@ const UNREACHED_RADPS2: f64 = 10.0;
 
 /// Positions \[rad\] and speeds \[rad/s\] of the joints.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Point {
+pub struct JointPoint {
     /// \[rad\]
     pub q: [f64; 6],
     /// \[rad/s\]
@@ -21,8 +21,7 @@ pub struct Point {
 /// What is going on.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[expect(clippy::large_enum_variant, reason = "a robot has one motion at a time")]
-pub enum Motion {
-    /// The joints stand.
+pub enum RobotMotion {
     Rest,
     /// The newest target of `servoj`.
     Servo {
@@ -30,13 +29,12 @@ pub enum Motion {
         target: [f64; 6],
     },
     /// `movej`: a trapezoid along the straight line between two postures.
-    Line(Line),
+    Line(Trapezoid),
     /// `movel`: a trapezoid along a straight line of the tool.
     Straight {
-        /// The way.
         way: Straight,
         /// The share of it, as a line of length 1 in its first number.
-        share: Line,
+        share: Trapezoid,
     },
     /// `speedj`.
     Speed {
@@ -47,16 +45,14 @@ pub enum Motion {
         /// Cycles until it brakes unless it is renewed.
         left: u64,
     },
-    /// Down to rest.
     Brake {
         /// Of the leading joint \[rad/s²\].
         deceleration: f64,
     },
 }
 
-/// A trapezoid.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Line {
+pub struct Trapezoid {
     from: [f64; 6],
     by: [f64; 6],
     /// Of the leading joint \[rad\], \[rad/s\], \[rad/s²\].
@@ -67,7 +63,7 @@ pub struct Line {
     t_s: f64,
 }
 
-impl Line {
+impl Trapezoid {
     /// From rest at `from` to `to` \[rad\], the leading joint at `speed` \[rad/s\] and `acceleration`
     /// \[rad/s²\]; in `duration_s` where that is more than 0.
     #[must_use]
@@ -108,10 +104,10 @@ impl Line {
     }
 }
 
-impl Motion {
+impl RobotMotion {
     /// One cycle of `dt` \[s\] from `point`, at `scaling` of the motion's own time. True where the motion is
     /// over.
-    pub fn step(&mut self, point: &mut Point, dt: f64, scaling: f64) -> bool {
+    pub fn step(&mut self, point: &mut JointPoint, dt: f64, scaling: f64) -> bool {
         match self {
             Self::Rest => {
                 point.qd = [0.0; 6];
@@ -120,7 +116,7 @@ impl Motion {
             Self::Servo { target } => {
                 let mut qd = *target;
                 qd.iter_mut().zip(point.q).for_each(|(qd, q)| *qd = (*qd - q) / dt);
-                *point = Point { q: *target, qd };
+                *point = JointPoint { q: *target, qd };
                 false
             }
             Self::Line(line) => {
@@ -147,7 +143,7 @@ impl Motion {
                 let mut qd = q;
                 qd.iter_mut().zip(point.q).for_each(|(qd, before)| *qd = (*qd - before) / dt);
                 let over = gone >= 1.0;
-                *point = Point { q, qd: if over { [0.0; 6] } else { qd } };
+                *point = JointPoint { q, qd: if over { [0.0; 6] } else { qd } };
                 over
             }
             Self::Speed { qd, acceleration, left } => {
@@ -168,7 +164,7 @@ impl Motion {
 
     /// Whether `speedj` has come to its speed.
     #[must_use]
-    pub fn at_speed(&self, point: &Point) -> bool {
+    pub fn at_speed(&self, point: &JointPoint) -> bool {
         match self {
             Self::Speed { qd, .. } => qd.iter().zip(point.qd).all(|(a, b)| (a - b).abs() < 1e-9),
             _ => true,
@@ -177,7 +173,7 @@ impl Motion {
 }
 
 /// Brings the speeds nearer to `wanted`, the one farthest away at `acceleration`, and moves on.
-fn approach(point: &mut Point, wanted: &[f64; 6], acceleration: f64, dt: f64) {
+fn approach(point: &mut JointPoint, wanted: &[f64; 6], acceleration: f64, dt: f64) {
     let mut off = *wanted;
     off.iter_mut().zip(point.qd).for_each(|(off, qd)| *off -= qd);
     let most = largest(&off);
@@ -200,7 +196,7 @@ mod tests {
     const DT: f64 = 0.002;
 
     /// Runs a motion to its end; the fastest speed, hardest acceleration of joint 0, and the time it took.
-    fn run(mut motion: Motion, point: &mut Point) -> (f64, f64, f64) {
+    fn run(mut motion: RobotMotion, point: &mut JointPoint) -> (f64, f64, f64) {
         let (mut fastest, mut hardest, mut t) = (0.0f64, 0.0f64, 0.0);
         for _ in 0..100_000 {
             let before = *point;
@@ -217,9 +213,9 @@ mod tests {
 
     #[test]
     fn movej_is_a_trapezoid_of_the_leading_joint() {
-        let mut point = Point { q: [0.0; 6], qd: [0.0; 6] };
-        let line = Line::new([0.0; 6], [1.0, 0.5, 0.0, 0.0, 0.0, -0.25], 1.0, 2.0, 0.0);
-        let (fastest, hardest, t) = run(Motion::Line(line), &mut point);
+        let mut point = JointPoint { q: [0.0; 6], qd: [0.0; 6] };
+        let line = Trapezoid::new([0.0; 6], [1.0, 0.5, 0.0, 0.0, 0.0, -0.25], 1.0, 2.0, 0.0);
+        let (fastest, hardest, t) = run(RobotMotion::Line(line), &mut point);
         assert!((fastest - 1.0).abs() < 1e-9 && hardest < 2.0 + 1e-6, "{fastest} {hardest}");
         // 0.5 s up, 0.5 s cruise, 0.5 s down.
         assert!((t - 1.5).abs() < 2.0 * DT, "{t}");
@@ -229,21 +225,21 @@ mod tests {
 
     #[test]
     fn a_short_movej_is_a_triangle_and_one_with_a_duration_takes_it() {
-        let mut point = Point { q: [0.0; 6], qd: [0.0; 6] };
-        let short = Line::new([0.0; 6], [0.02; 6], 1.0, 2.0, 0.0);
-        let (fastest, hardest, _) = run(Motion::Line(short), &mut point);
+        let mut point = JointPoint { q: [0.0; 6], qd: [0.0; 6] };
+        let short = Trapezoid::new([0.0; 6], [0.02; 6], 1.0, 2.0, 0.0);
+        let (fastest, hardest, _) = run(RobotMotion::Line(short), &mut point);
         assert!(fastest < 0.21 && hardest < 2.0 + 1e-6, "{fastest} {hardest}");
-        let timed = Line::new([0.02; 6], [0.5; 6], 1.0, 2.0, 3.0);
-        let (_, _, t) = run(Motion::Line(timed), &mut point);
+        let timed = Trapezoid::new([0.02; 6], [0.5; 6], 1.0, 2.0, 3.0);
+        let (_, _, t) = run(RobotMotion::Line(timed), &mut point);
         assert!((t - 3.0).abs() < 2.0 * DT, "{t}");
-        let nowhere = Line::new([0.5; 6], [0.5; 6], 1.0, 2.0, 0.0);
-        assert!(Motion::Line(nowhere).step(&mut point, DT, 1.0));
+        let nowhere = Trapezoid::new([0.5; 6], [0.5; 6], 1.0, 2.0, 0.0);
+        assert!(RobotMotion::Line(nowhere).step(&mut point, DT, 1.0));
     }
 
     #[test]
     fn speedj_brakes_when_it_is_not_renewed() {
-        let mut point = Point { q: [0.0; 6], qd: [0.0; 6] };
-        let motion = Motion::Speed { qd: [0.5, 0.25, 0.0, 0.0, 0.0, 0.0], acceleration: 1.0, left: 400 };
+        let mut point = JointPoint { q: [0.0; 6], qd: [0.0; 6] };
+        let motion = RobotMotion::Speed { qd: [0.5, 0.25, 0.0, 0.0, 0.0, 0.0], acceleration: 1.0, left: 400 };
         let (fastest, hardest, t) = run(motion, &mut point);
         assert!((fastest - 0.5).abs() < 1e-9 && hardest < 1.0 + 1e-6, "{fastest} {hardest}");
         assert!((t - 1.3).abs() < 3.0 * DT && point.qd == [0.0; 6], "{t}");
@@ -253,8 +249,8 @@ mod tests {
 
     #[test]
     fn brakes_stop_all_joints_together() {
-        let mut point = Point { q: [0.0; 6], qd: [1.0, -0.5, 0.0, 0.0, 0.0, 0.2] };
-        let mut motion = Motion::Brake { deceleration: 4.0 };
+        let mut point = JointPoint { q: [0.0; 6], qd: [1.0, -0.5, 0.0, 0.0, 0.0, 0.2] };
+        let mut motion = RobotMotion::Brake { deceleration: 4.0 };
         let mut cycles = 0;
         while !motion.step(&mut point, DT, 1.0) {
             cycles += 1;

@@ -2,12 +2,17 @@
 
 use super::inverse::Straight;
 use super::machine::{Hands, Result, joints, number_or};
-use super::motion::{Line, Motion};
+use super::motion::{RobotMotion, Trapezoid};
 use super::robot::SPEED_LIMIT_RADPS;
-use crate::script::{Call, Called, Value};
+use crate::script::{Called, MachineCall, Value};
+
+/// Of a motion that the thread waits for.
+const fn done_if(over: bool) -> Called {
+    if over { Called::Value(Value::None) } else { Called::Wait }
+}
 
 impl Hands<'_> {
-    pub(super) fn motion(&mut self, call: &Call<'_>) -> Result<Called> {
+    pub(super) fn motion(&mut self, call: &MachineCall<'_>) -> Result<Called> {
         let arguments = call.arguments;
         if !self.robot.ready() {
             // The program is about to be stopped.
@@ -36,8 +41,7 @@ impl Hands<'_> {
             }
             "movej" => {
                 if !call.first {
-                    let over = !matches!(self.robot.motion, Motion::Line(_));
-                    return Ok(if over { Called::Value(Value::None) } else { Called::Wait });
+                    return Ok(done_if(!matches!(self.robot.motion, RobotMotion::Line(_))));
                 }
                 let [q, a, v, t, _] = arguments.bind(["q", "a", "v", "t", "r"])?;
                 let q = match q {
@@ -53,7 +57,7 @@ impl Hands<'_> {
                     return Err("wants finite targets, a > 0, v > 0, t >= 0".to_owned());
                 }
                 let (v, a) = (v.min(SPEED_LIMIT_RADPS), a.min(40.0));
-                self.robot.plan(|point| Motion::Line(Line::new(point.q, q, v, a, t)));
+                self.robot.plan(|point| RobotMotion::Line(Trapezoid::new(point.q, q, v, a, t)));
                 Ok(Called::Wait)
             }
             "movel" => {
@@ -63,8 +67,7 @@ impl Hands<'_> {
                     return Err("wants a > 0, v > 0, t >= 0".to_owned());
                 }
                 if !call.first {
-                    let over = !matches!(self.robot.motion, Motion::Straight { .. });
-                    return Ok(if over { Called::Value(Value::None) } else { Called::Wait });
+                    return Ok(done_if(!matches!(self.robot.motion, RobotMotion::Straight { .. })));
                 }
                 let (dh, tcp) = (self.robot.dh, self.robot.tcp_offset);
                 let pose = match to {
@@ -80,8 +83,8 @@ impl Hands<'_> {
                     // As shares of the way; a way of no length ends at once.
                     let length = way.length().max(1e-9);
                     let one = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0];
-                    let share = Line::new([0.0; 6], one, v.min(3.0) / length, a.min(150.0) / length, t);
-                    Motion::Straight { way, share }
+                    let share = Trapezoid::new([0.0; 6], one, v.min(3.0) / length, a.min(150.0) / length, t);
+                    RobotMotion::Straight { way, share }
                 });
                 Ok(Called::Wait)
             }
@@ -97,7 +100,7 @@ impl Hands<'_> {
                 // One cycle more, in which the program may renew it.
                 let left = if cycles == 0 { 2 } else { cycles.saturating_add(1) };
                 if call.first || cycles == 0 {
-                    self.robot.plan(|_| Motion::Speed { qd, acceleration: a, left });
+                    self.robot.plan(|_| RobotMotion::Speed { qd, acceleration: a, left });
                 }
                 if cycles > 0 {
                     return Ok(self.wait(call, cycles));
@@ -115,8 +118,7 @@ impl Hands<'_> {
                 if call.first {
                     self.robot.brake(a);
                 }
-                let over = !matches!(self.robot.motion, Motion::Brake { .. });
-                Ok(if over { Called::Value(Value::None) } else { Called::Wait })
+                Ok(done_if(!matches!(self.robot.motion, RobotMotion::Brake { .. })))
             }
         }
     }

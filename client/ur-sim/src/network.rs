@@ -11,11 +11,11 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use super::arrival::Arrival;
-use super::dashboard_server::{self, Answer};
+use super::dashboard_server::{self, DashboardReply};
 use super::faults;
 use super::options::Service;
-use super::outbox::Outbox;
-use super::rtde_server::Session;
+use super::outbox::ConnectionOutbox;
+use super::rtde_server::RtdeSession;
 use super::streams;
 use super::trouble::Trouble;
 use super::world::World;
@@ -29,29 +29,25 @@ const SOON: Duration = Duration::from_millis(5);
 
 /// Who is sent something by the control loop.
 #[derive(Debug)]
-pub struct Subscriber {
+pub struct StreamSubscriber {
     number: u64,
     service: Service,
-    outbox: Arc<Outbox>,
-    rtde: Option<Arc<Mutex<Session>>>,
+    outbox: Arc<ConnectionOutbox>,
+    rtde: Option<Arc<Mutex<RtdeSession>>>,
 }
 
 /// What all threads share.
 #[derive(Debug)]
 pub struct Shared {
-    /// The controller.
     pub world: Mutex<World>,
-    /// Troubles.
     pub trouble: Trouble,
-    /// All is over.
     pub stop: AtomicBool,
-    subscribers: Mutex<Vec<Subscriber>>,
+    subscribers: Mutex<Vec<StreamSubscriber>>,
     connections: Mutex<HashMap<u64, (Service, TcpStream)>>,
     pub(super) next: AtomicU64,
     pub(super) taken: AtomicUsize,
 }
 
-/// One connection.
 #[derive(Debug)]
 pub(super) struct Connection {
     pub(super) number: u64,
@@ -61,7 +57,6 @@ pub(super) struct Connection {
 }
 
 impl Shared {
-    /// Around a controller.
     #[must_use]
     pub fn new(world: World) -> Self {
         Self {
@@ -75,29 +70,16 @@ impl Shared {
         }
     }
 
-    /// The controller.
     pub fn world(&self) -> MutexGuard<'_, World> {
         self.world.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn subscribers(&self) -> MutexGuard<'_, Vec<Subscriber>> {
+    fn subscribers(&self) -> MutexGuard<'_, Vec<StreamSubscriber>> {
         self.subscribers.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     pub(super) fn connections(&self) -> MutexGuard<'_, HashMap<u64, (Service, TcpStream)>> {
         self.connections.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    /// How many connections there have been.
-    #[must_use]
-    pub fn taken(&self) -> usize {
-        self.taken.load(Ordering::Relaxed)
-    }
-
-    /// How many there are now.
-    #[must_use]
-    pub fn open_connections(&self) -> usize {
-        self.connections().len()
     }
 
     pub(super) fn over(&self) -> bool {
@@ -127,8 +109,9 @@ impl Shared {
     pub fn publish(&self, world: &mut World) {
         let tenth = u64::from(world.robot.options.series.rate_hz()) / 10;
         let state_due = world.robot.cycle.is_multiple_of(tenth.max(1));
-        let said: Vec<_> = world.said.drain(..).collect();
-        let said: Vec<Vec<u8>> = said.into_iter().map(|said| streams::message(world, said)).collect();
+        let content: Vec<_> = world.messages.drain(..).collect();
+        let content: Vec<Vec<u8>> =
+            content.into_iter().map(|content| streams::message(world, content)).collect();
         let (mut state, mut real_time) = (None, None);
         for subscriber in self.subscribers().iter() {
             let outbox = &subscriber.outbox;
@@ -145,9 +128,9 @@ impl Shared {
                     outbox.package(bytes.clone(), Duration::ZERO);
                 }
                 Service::Primary | Service::PrimaryReadOnly => {
-                    for said in &said {
+                    for content in &content {
                         // A client that does not read loses messages.
-                        let _ = outbox.reply(said.clone());
+                        let _ = outbox.reply(content.clone());
                     }
                     if state_due {
                         let bytes: &Vec<u8> = state.get_or_insert_with(|| streams::state(world));
@@ -224,14 +207,11 @@ fn lines(shared: &Shared, connection: &Connection) {
             line.clear();
             let answer = match service {
                 Service::Dashboard => dashboard_server::answer(&mut shared.world(), &text),
-                _ => Answer::Line(faults::obey(&mut shared.world(), &shared.trouble, &text)),
+                _ => DashboardReply::Line(faults::obey(&mut shared.world(), &shared.trouble, &text)),
             };
             shared.end_connections(false);
-            let (text, goes_on) = match answer {
-                Answer::Line(text) => (text, true),
-                Answer::Last(text) => (text, false),
-            };
-            if !say(&text) || !goes_on {
+            let (DashboardReply::Line(text) | DashboardReply::Last(text)) = &answer;
+            if !say(text) || matches!(answer, DashboardReply::Last(_)) {
                 return;
             }
         }
@@ -242,14 +222,14 @@ fn lines(shared: &Shared, connection: &Connection) {
 fn stream_to(shared: &Arc<Shared>, connection: &Connection) {
     let &Connection { number, service, peer, ref stream } = connection;
     let Ok(writing) = stream.try_clone() else { return };
-    let outbox = Arc::new(Outbox::default());
+    let outbox = Arc::new(ConnectionOutbox::default());
     let rtde = (service == Service::Rtde)
-        .then(|| Arc::new(Mutex::new(Session::new(number, &shared.world().robot.options))));
+        .then(|| Arc::new(Mutex::new(RtdeSession::new(number, &shared.world().robot.options))));
     if !matches!(service, Service::Rtde | Service::RealTime | Service::RealTimeReadOnly) {
         let greeting = streams::greeting(&shared.world());
         outbox.reply(greeting);
     }
-    let subscriber = Subscriber { number, service, outbox: Arc::clone(&outbox), rtde: rtde.clone() };
+    let subscriber = StreamSubscriber { number, service, outbox: Arc::clone(&outbox), rtde: rtde.clone() };
     shared.subscribers().push(subscriber);
     let (own, own_outbox) = (Arc::clone(shared), Arc::clone(&outbox));
     let writer = std::thread::Builder::new()
@@ -266,7 +246,12 @@ fn stream_to(shared: &Arc<Shared>, connection: &Connection) {
     shared.world().inputs.release(number);
 }
 
-fn read_rtde(shared: &Shared, session: &Mutex<Session>, outbox: &Outbox, connection: &Connection) {
+fn read_rtde(
+    shared: &Shared,
+    session: &Mutex<RtdeSession>,
+    outbox: &ConnectionOutbox,
+    connection: &Connection,
+) {
     let (mut frames, mut buffer) = (Frames::default(), [0; 4096]);
     while let Some(bytes) = read(shared, connection, &mut buffer) {
         frames.feed(bytes);
@@ -311,15 +296,12 @@ fn read_scripts(shared: &Shared, connection: &Connection) {
 }
 
 /// Waits until the control loop has room for it, never with the lock that this takes; false at the end.
-fn hand_over(shared: &Shared, arrival: Arrival) -> bool {
-    let mut arrival = arrival;
-    loop {
+fn hand_over(shared: &Shared, mut arrival: Arrival) -> bool {
+    while !shared.over() {
         let taken = shared.world().arrive(arrival);
         let Err(back) = taken else { return true };
-        if shared.over() {
-            return false;
-        }
         arrival = back;
         std::thread::sleep(SOON);
     }
+    false
 }

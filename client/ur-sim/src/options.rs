@@ -45,7 +45,6 @@ pub enum Service {
 }
 
 impl Service {
-    /// All of them.
     pub const ALL: [Self; 9] = [
         Self::Dashboard,
         Self::Primary,
@@ -58,47 +57,39 @@ impl Service {
         Self::Faults,
     ];
 
+    /// Port on a real controller, and name in the fault protocol.
+    const fn known_as(self) -> (u16, &'static str) {
+        match self {
+            Self::Dashboard => (29999, "dashboard"),
+            Self::Primary => (30001, "primary"),
+            Self::Secondary => (30002, "secondary"),
+            Self::RealTime => (30003, "real-time"),
+            Self::Rtde => (30004, "rtde"),
+            Self::PrimaryReadOnly => (30011, "primary-read-only"),
+            Self::SecondaryReadOnly => (30012, "secondary-read-only"),
+            Self::RealTimeReadOnly => (30013, "real-time-read-only"),
+            Self::Faults => (30020, "faults"),
+        }
+    }
+
     /// Its port on a real controller.
     #[must_use]
     pub const fn port(self) -> u16 {
-        match self {
-            Self::Dashboard => 29999,
-            Self::Primary => 30001,
-            Self::Secondary => 30002,
-            Self::RealTime => 30003,
-            Self::Rtde => 30004,
-            Self::PrimaryReadOnly => 30011,
-            Self::SecondaryReadOnly => 30012,
-            Self::RealTimeReadOnly => 30013,
-            Self::Faults => 30020,
-        }
+        self.known_as().0
     }
 
     /// Its name in the fault protocol.
     #[must_use]
     pub const fn name(self) -> &'static str {
-        match self {
-            Self::Dashboard => "dashboard",
-            Self::Primary => "primary",
-            Self::Secondary => "secondary",
-            Self::RealTime => "real-time",
-            Self::Rtde => "rtde",
-            Self::PrimaryReadOnly => "primary-read-only",
-            Self::SecondaryReadOnly => "secondary-read-only",
-            Self::RealTimeReadOnly => "real-time-read-only",
-            Self::Faults => "faults",
-        }
+        self.known_as().1
     }
 }
 
-/// A simulated controller.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Options {
-    /// The series.
+pub struct ControllerOptions {
     pub series: Series,
     /// Its software: what RTDE, dashboard and port 30001 say, and which fields there are.
     pub version: ControllerVersion,
-    /// Where it listens.
     pub bind: IpAddr,
     /// Ports that the system gives instead of those of a real controller.
     pub ephemeral_ports: bool,
@@ -106,7 +97,6 @@ pub struct Options {
     pub q: [f64; 6],
     /// By how much the flange is off the nominal kinematics at `q` \[m\]; 0 for a nominal arm.
     pub calibration_error_m: f64,
-    /// Of the calibration.
     pub seed: u64,
     /// Power on, brakes released; else power off.
     pub running: bool,
@@ -116,7 +106,7 @@ pub struct Options {
     pub mechanics: Mechanics,
 }
 
-impl Options {
+impl ControllerOptions {
     /// A running, nominal arm at the presets' home, on 127.0.0.1 and the real ports.
     #[must_use]
     pub const fn new(series: Series) -> Self {

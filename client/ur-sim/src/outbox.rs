@@ -1,6 +1,6 @@
 //! What waits to be written to one connection: replies in order, and the newest package.
 //!
-//! Contract: bounded. A newer package takes the place of one that was not written yet, so that a client that
+//! Contract: bounded. A newer package replaces one that was not written yet, so that a client that
 //! stops reading costs the control loop nothing. With a delay asked for, packages wait in a queue instead.
 
 use std::collections::VecDeque;
@@ -21,14 +21,13 @@ struct Queue {
     closed: bool,
 }
 
-/// The outbox.
 #[derive(Debug, Default)]
-pub struct Outbox {
+pub struct ConnectionOutbox {
     queue: Mutex<Queue>,
     news: Condvar,
 }
 
-impl Outbox {
+impl ConnectionOutbox {
     fn lock(&self) -> MutexGuard<'_, Queue> {
         self.queue.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -45,7 +44,7 @@ impl Outbox {
         true
     }
 
-    /// A package that takes the place of an older one, to be written after `delay`.
+    /// A package that replaces an older one, to be written after `delay`.
     pub fn package(&self, bytes: Vec<u8>, delay: Duration) {
         let mut queue = self.lock();
         if delay.is_zero() {
@@ -115,7 +114,7 @@ mod tests {
 
     #[test]
     fn the_newest_package_takes_the_place_of_older_ones_and_replies_are_kept() {
-        let outbox = Outbox::default();
+        let outbox = ConnectionOutbox::default();
         assert!(outbox.reply(vec![1]));
         for package in 2..100 {
             outbox.package(vec![package], Duration::ZERO);
@@ -128,7 +127,7 @@ mod tests {
 
     #[test]
     fn nobody_who_reads_costs_no_more_than_the_bound() {
-        let outbox = Outbox::default();
+        let outbox = ConnectionOutbox::default();
         let taken = (0..10 * MOST_REPLIES).filter(|_| outbox.reply(vec![0])).count();
         assert_eq!(taken, MOST_REPLIES);
         for _ in 0..10 * MOST_DELAYED {
@@ -139,7 +138,7 @@ mod tests {
 
     #[test]
     fn delayed_packages_keep_their_order() {
-        let outbox = Outbox::default();
+        let outbox = ConnectionOutbox::default();
         outbox.package(vec![1], Duration::from_millis(20));
         outbox.package(vec![2], Duration::from_millis(1));
         assert_eq!((outbox.next(), outbox.next()), (Some(vec![1]), Some(vec![2])));

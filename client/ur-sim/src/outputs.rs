@@ -5,20 +5,18 @@
 use super::robot::SPEED_LIMIT_RADPS;
 use super::world::World;
 use foretrace_ur::rtde::fields::{MajorMinor, Register, output};
-use foretrace_ur::rtde::value::{FieldType, Value};
+use foretrace_ur::rtde::value::{FieldType, RtdeValue};
 
 /// How an output is read.
 #[derive(Debug, Clone)]
-pub enum Source {
-    /// From the state.
-    State(fn(&World) -> Value),
-    /// An output register.
+pub enum OutputSource {
+    State(fn(&World) -> RtdeValue),
     Register(Register),
     /// An input, by name.
     Input(String),
 }
 
-impl Source {
+impl OutputSource {
     /// The source of an output of this version, with its type.
     #[must_use]
     pub fn of(name: &str, version: MajorMinor) -> Option<(Self, FieldType)> {
@@ -32,18 +30,21 @@ impl Source {
         Some((source, kind))
     }
 
-    /// Its value now.
     #[must_use]
-    pub fn read(&self, world: &World) -> Value {
+    pub fn read(&self, world: &World) -> RtdeValue {
         match self {
             Self::State(read) => read(world),
-            Self::Input(name) => world.inputs.value(name).unwrap_or(Value::Int32(0)),
+            Self::Input(name) => world.inputs.value(name).unwrap_or(RtdeValue::Int32(0)),
             Self::Register(register) => {
                 let (registers, number) = (&world.registers, register.number);
                 match register.kind {
-                    FieldType::Int32 => Value::Int32(registers.integers.get(number).copied().unwrap_or(0)),
-                    FieldType::Double => Value::Double(registers.doubles.get(number).copied().unwrap_or(0.0)),
-                    _ => Value::Bool(registers.bits >> (number % 128) & 1 == 1),
+                    FieldType::Int32 => {
+                        RtdeValue::Int32(registers.integers.get(number).copied().unwrap_or(0))
+                    }
+                    FieldType::Double => {
+                        RtdeValue::Double(registers.doubles.get(number).copied().unwrap_or(0.0))
+                    }
+                    _ => RtdeValue::Bool(registers.bits >> (number % 128) & 1 == 1),
                 }
             }
         }
@@ -60,12 +61,12 @@ pub fn joint_mode(world: &World) -> u8 {
     }
 }
 
-fn word(bits: u128, shift: u32) -> Value {
-    Value::Uint32((bits >> shift & 0xffff_ffff) as u32)
+fn word(bits: u128, shift: u32) -> RtdeValue {
+    RtdeValue::Uint32((bits >> shift & 0xffff_ffff) as u32)
 }
 
-fn reader(name: &str) -> Option<fn(&World) -> Value> {
-    use Value::{Double, Int32, Uint8, Uint32, Uint64, Vector3d, Vector6Int32, Vector6d};
+fn reader(name: &str) -> Option<fn(&World) -> RtdeValue> {
+    use RtdeValue::{Double, Int32, Uint8, Uint32, Uint64, Vector3d, Vector6Int32, Vector6d};
     Some(match name {
         "timestamp" => |w| Double(w.robot.timestamp()),
         "target_q" => |w| Vector6d(w.robot.target.q),
@@ -142,18 +143,18 @@ fn reader(name: &str) -> Option<fn(&World) -> Value> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::options::{Options, Series};
+    use crate::options::{ControllerOptions, Series};
     use foretrace_ur::rtde::fields::OUTPUTS;
 
     #[test]
     fn every_output_is_read_with_the_type_that_is_promised() {
-        let world = World::new(Options::new(Series::E));
+        let world = World::new(ControllerOptions::new(Series::E));
         let mut names: Vec<String> = OUTPUTS.iter().map(|(name, ..)| (*name).to_owned()).collect();
         for register in ["input_int_register_47", "output_double_register_0", "output_bit_register_127"] {
             names.push(register.to_owned());
         }
         for name in names {
-            let (source, kind) = Source::of(&name, (10, 0)).unwrap_or_else(|| panic!("{name}"));
+            let (source, kind) = OutputSource::of(&name, (10, 0)).unwrap_or_else(|| panic!("{name}"));
             assert_eq!(source.read(&world).field_type(), kind, "{name}");
         }
     }

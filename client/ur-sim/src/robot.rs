@@ -6,12 +6,14 @@
 //! program; an emergency stop brakes and takes the power, at last after `MOST_STOP_S`.
 
 use foretrace_sim::arm::{ArmModel, ArmSettings, FaultKind};
+use foretrace_ur::bridge::kinematics::DhParameters;
 
 use super::current::Motors;
-use super::kinematics::{Dh, chain, frame, pose, twist};
-use super::motion::{Motion, Point};
-use super::options::Options;
-use super::safety::{Breach, RobotMode, Safety, Stopped};
+use super::kinematics::calibrated;
+use super::motion::{JointPoint, RobotMotion};
+use super::options::ControllerOptions;
+use super::pose::{frame, pose};
+use super::safety::{ProtectiveReason, RobotMode, Safety, SafetyBreach};
 
 /// Farther than this \[rad/s\] a target may not jump in a cycle: C204.
 const MOST_STEP_RADPS: f64 = 20.0;
@@ -28,23 +30,27 @@ const MOST_STOP_S: f64 = 0.5;
 /// From full speed to a pause, and back \[1/s\].
 const SCALE_RATE: f64 = 5.0;
 
-/// The robot.
+/// Over which velocities of the tool and the elbow are taken \[s\].
+const MOMENT_S: f64 = 1e-6;
+
+/// The joints of `point` a moment later \[rad\].
+fn moved(point: &JointPoint) -> [f64; 6] {
+    let mut moved = point.q;
+    moved.iter_mut().zip(point.qd).for_each(|(q, qd)| *q += qd * MOMENT_S);
+    moved
+}
+
 #[derive(Debug)]
-pub struct Robot {
-    /// What it is.
-    pub options: Options,
+pub struct SimulatedRobot {
+    pub options: ControllerOptions,
     /// Cycles since it booted.
     pub cycle: u64,
-    /// Power and brakes.
     pub mode: RobotMode,
-    /// Safety.
     pub safety: Safety,
-    /// Its own kinematics.
-    pub dh: Dh,
-    /// What moves it.
-    pub motion: Motion,
+    pub dh: DhParameters,
+    pub motion: RobotMotion,
     /// Where the motion has led.
-    pub target: Point,
+    pub target: JointPoint,
     /// Acceleration asked for by the motion in the last cycle \[rad/s²\].
     pub target_qdd: [f64; 6],
     /// Of the speed slider, in \[0, 1\].
@@ -55,11 +61,10 @@ pub struct Robot {
     pub paused: bool,
     /// Mass \[kg\] and centre of gravity \[m\].
     pub payload: (f64, [f64; 3]),
-    /// From the flange: place \[m\], rotation vector \[rad\].
+    /// From the flange: position \[m\], rotation vector \[rad\].
     pub tcp_offset: [f64; 6],
     /// Standard 0 to 7, configurable 8 to 15, tool 16 and 17.
     pub digital_outputs: u64,
-    /// As the outputs.
     pub digital_inputs: u64,
     /// Analog outputs \[A\] or \[V\].
     pub analog_outputs: [f64; 2],
@@ -71,12 +76,12 @@ pub struct Robot {
     sound: ArmModel,
 }
 
-impl Robot {
+impl SimulatedRobot {
     /// As the options have it, at rest.
     #[must_use]
-    pub fn new(options: Options) -> Self {
+    pub fn new(options: ControllerOptions) -> Self {
         let q = options.q;
-        let dh = Dh::calibrated(options.series, options.calibration_error_m, options.seed, &q);
+        let dh = calibrated(options.series, options.calibration_error_m, options.seed, &q);
         let (damping, mechanics) = (options.damping, options.mechanics);
         let plain = ArmSettings::ur5(options.series.cycle_s(), 0.0);
         let arm = ArmModel::at_rest(ArmSettings { damping, mechanics, ..plain }, q);
@@ -86,8 +91,8 @@ impl Robot {
             mode: if options.running { RobotMode::Running } else { RobotMode::PowerOff },
             safety: Safety::new(options.series.rate_hz()),
             dh,
-            motion: Motion::Rest,
-            target: Point { q, qd: [0.0; 6] },
+            motion: RobotMotion::Rest,
+            target: JointPoint { q, qd: [0.0; 6] },
             target_qdd: [0.0; 6],
             qdd: [0.0; 6],
             motors: Motors::of(options.series),
@@ -118,11 +123,11 @@ impl Robot {
 
     /// The joints as measured.
     #[must_use]
-    pub fn actual(&self) -> Point {
+    pub fn actual(&self) -> JointPoint {
         let joints = self.arm.joints();
         // Closed brakes hold an arm that runs away, too.
         let qd = if self.mode.brakes_released() { joints.qd } else { [0.0; 6] };
-        Point { q: joints.q, qd }
+        JointPoint { q: joints.q, qd }
     }
 
     /// Currents of the joints \[A\]; none while the brakes hold.
@@ -131,38 +136,37 @@ impl Robot {
         if !self.mode.brakes_released() {
             return [0.0; 6];
         }
-        let Point { q, qd } = self.actual();
+        let JointPoint { q, qd } = self.actual();
         self.motors.currents(&q, &qd, &self.qdd, self.payload)
     }
 
     /// The tool centre point at `q`.
     #[must_use]
     pub fn tcp_pose(&self, q: &[f64; 6]) -> [f64; 6] {
-        pose(&chain(&self.dh.flange(q), &frame(&self.tcp_offset)))
+        pose(&(self.dh.flange(q) * frame(&self.tcp_offset)))
     }
 
     /// Its speed in the base frame while the joints move as `point` says \[m/s\], and its angular velocity
     /// \[rad/s\].
     #[must_use]
-    pub fn tcp_speed(&self, point: &Point) -> [f64; 6] {
-        let step = 1e-6;
-        let at = |q: &[f64; 6]| chain(&self.dh.flange(q), &frame(&self.tcp_offset));
-        let mut moved = point.q;
-        moved.iter_mut().zip(point.qd).for_each(|(q, qd)| *q += qd * step);
-        twist(&at(&point.q), &at(&moved)).map(|by| by / step)
+    pub fn tcp_speed(&self, point: &JointPoint) -> [f64; 6] {
+        let at = |q: &[f64; 6]| self.dh.flange(q) * frame(&self.tcp_offset);
+        let (before, after) = (at(&point.q), at(&moved(point)));
+        let way = after.translation.vector - before.translation.vector;
+        let turn = (after.rotation * before.rotation.inverse()).scaled_axis();
+        [way.x, way.y, way.z, turn.x, turn.y, turn.z].map(|by| by / MOMENT_S)
     }
 
-    /// Velocity \[m/s\] and place \[m\] of the elbow.
+    /// Velocity \[m/s\] and position \[m\] of the elbow.
     #[must_use]
     pub fn elbow(&self) -> ([f64; 3], [f64; 3]) {
-        let Point { q, qd } = self.actual();
-        let place = |q: &[f64; 6]| self.dh.elbow(q);
-        let (now, step) = (place(&q), 1e-6);
-        let mut moved = q;
-        moved.iter_mut().zip(qd).for_each(|(q, qd)| *q += qd * step);
-        let mut velocity = place(&moved);
-        velocity.iter_mut().zip(now).for_each(|(v, now)| *v = (*v - now) / step);
-        (velocity, now)
+        let actual = self.actual();
+        let elbow = |q: &[f64; 6]| {
+            let [_, _, elbow, ..] = self.dh.frames(q);
+            elbow.translation.vector
+        };
+        let (now, later) = (elbow(&actual.q), elbow(&moved(&actual)));
+        (((later - now) / MOMENT_S).into(), now.into())
     }
 
     /// It may move: brakes released, nothing stops it.
@@ -171,30 +175,29 @@ impl Robot {
         self.mode == RobotMode::Running && self.safety.clear()
     }
 
-    /// Nothing moves.
     #[must_use]
     pub fn steady(&self) -> bool {
-        matches!(self.motion, Motion::Rest | Motion::Servo { .. })
+        matches!(self.motion, RobotMotion::Rest | RobotMotion::Servo { .. })
             && self.actual().qd.iter().all(|qd| qd.abs() < 1e-4)
     }
 
     /// Begins `servoj` or goes on with it.
     pub fn servo(&mut self, target: [f64; 6], look_ahead_s: f64) {
-        if !matches!(self.motion, Motion::Servo { .. }) {
+        if !matches!(self.motion, RobotMotion::Servo { .. }) {
             self.take_over();
         }
         let far = |(to, from): (&f64, &f64)| !((to - from).abs() <= MOST_STEP_RADPS * self.dt());
         if target.iter().zip(&self.target.q).any(far) {
-            self.protective_stop(Stopped::SuddenChange);
+            self.protective_stop(ProtectiveReason::SuddenChange);
             return;
         }
         self.look_ahead(look_ahead_s);
-        self.motion = Motion::Servo { target };
+        self.motion = RobotMotion::Servo { target };
     }
 
     /// Begins a motion that the controller plans itself, from where the arm is.
-    pub fn plan(&mut self, motion: impl FnOnce(&Point) -> Motion) {
-        let servo = matches!(self.motion, Motion::Servo { .. });
+    pub fn plan(&mut self, motion: impl FnOnce(&JointPoint) -> RobotMotion) {
+        let servo = matches!(self.motion, RobotMotion::Servo { .. });
         if servo {
             self.take_over();
         }
@@ -211,20 +214,19 @@ impl Robot {
     pub fn brake(&mut self, deceleration: f64) {
         let deceleration = deceleration.clamp(0.01, 40.0);
         match &mut self.motion {
-            Motion::Rest => {}
-            Motion::Brake { deceleration: running } => *running = running.max(deceleration),
-            _ => self.plan(|_| Motion::Brake { deceleration }),
+            RobotMotion::Rest => {}
+            RobotMotion::Brake { deceleration: running } => *running = running.max(deceleration),
+            _ => self.plan(|_| RobotMotion::Brake { deceleration }),
         }
     }
 
     /// What the joints are sent to begins where the servo is: what it had not come to is forgotten.
     fn take_over(&mut self) {
         let servo = self.arm.servo();
-        self.target = Point { q: servo.q, qd: servo.qd };
+        self.target = JointPoint { q: servo.q, qd: servo.qd };
     }
 
-    /// A protective stop.
-    pub fn protective_stop(&mut self, why: Stopped) {
+    pub fn protective_stop(&mut self, why: ProtectiveReason) {
         self.safety.protective_stop(self.cycle, why);
         self.brake(STOP_RADPS2);
     }
@@ -241,9 +243,9 @@ impl Robot {
     }
 
     /// The safety system finds that it cannot vouch for the arm: the power goes at once.
-    pub fn breach(&mut self, breach: Breach) {
+    pub fn breach(&mut self, breach: SafetyBreach) {
         self.safety.breach = Some(breach);
-        if breach == Breach::Recovery {
+        if breach == SafetyBreach::Recovery {
             self.brake(STOP_RADPS2);
         } else {
             self.power_off();
@@ -260,8 +262,8 @@ impl Robot {
     /// Closed brakes, or none but a hand: nothing of what was going on is left.
     pub fn halt(&mut self) {
         self.arm.stand();
-        self.motion = Motion::Rest;
-        self.target = Point { q: self.arm.servo().q, qd: [0.0; 6] };
+        self.motion = RobotMotion::Rest;
+        self.target = JointPoint { q: self.arm.servo().q, qd: [0.0; 6] };
         self.sound = self.arm.clone();
         self.sound.mend();
     }
@@ -269,7 +271,7 @@ impl Robot {
     /// As after a reboot: power off, time 0. The arm with its fault, buttons, wires and the settings of the
     /// pendant stay.
     pub fn reboot(&mut self) {
-        let mut again = Self::new(Options { running: false, ..self.options });
+        let mut again = Self::new(ControllerOptions { running: false, ..self.options });
         again.arm = self.arm.clone();
         again.safety.emergency = self.safety.emergency;
         again.safety.safeguard = self.safety.safeguard;
@@ -295,7 +297,7 @@ impl Robot {
         self.take_over();
         self.arm.set_look_ahead_s(0.0);
         self.sound = self.arm.clone();
-        self.motion = Motion::Brake { deceleration: STOP_RADPS2 };
+        self.motion = RobotMotion::Brake { deceleration: STOP_RADPS2 };
     }
 
     /// One cycle: the motion, the arm, the checks.
@@ -307,11 +309,11 @@ impl Robot {
         let change = (wanted - self.speed_scaling).clamp(-SCALE_RATE * dt, SCALE_RATE * dt);
         self.speed_scaling = (self.speed_scaling + change).clamp(0.0, 1.0);
         // Planned motions go slower in their own time; streamed targets are followed slower.
-        let servo = matches!(self.motion, Motion::Servo { .. });
+        let servo = matches!(self.motion, RobotMotion::Servo { .. });
         let scaling = if servo { self.speed_scaling } else { 1.0 };
         let before = self.target;
         if self.motion.step(&mut self.target, dt, self.speed_scaling) {
-            self.motion = Motion::Rest;
+            self.motion = RobotMotion::Rest;
         }
         let accelerations = self.target.qd.iter().zip(before.qd).map(|(after, before)| (after - before) / dt);
         self.target_qdd.iter_mut().zip(accelerations).for_each(|(qdd, a)| *qdd = a);
@@ -343,9 +345,9 @@ impl Robot {
         let deviates =
             off(&self.sound.joints().q, MOST_DEVIATION_RAD) || scaling >= 1.0 && off(&self.target.q, behind);
         if deviates {
-            self.protective_stop(Stopped::Deviation);
+            self.protective_stop(ProtectiveReason::Deviation);
         } else if q.iter().any(|q| !(q.abs() <= POSITION_LIMIT_RAD)) {
-            self.protective_stop(Stopped::PositionLimit);
+            self.protective_stop(ProtectiveReason::PositionLimit);
         }
     }
 }

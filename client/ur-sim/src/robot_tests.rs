@@ -1,15 +1,15 @@
 //! Claims about the robot: lag, limits, stops, slider, power.
 
 use super::*;
-use crate::motion::Line;
+use crate::motion::Trapezoid;
 use crate::options::Series;
 
-fn robot(series: Series) -> Robot {
-    Robot::new(Options::new(series))
+fn robot(series: Series) -> SimulatedRobot {
+    SimulatedRobot::new(ControllerOptions::new(series))
 }
 
 /// Runs `cycles`, checking the arm's limits in each; the largest acceleration of joint 0 \[rad/s²\].
-fn run(robot: &mut Robot, cycles: u32) -> f64 {
+fn run(robot: &mut SimulatedRobot, cycles: u32) -> f64 {
     let mut hardest = 0.0f64;
     for _ in 0..cycles {
         let before = robot.actual();
@@ -81,7 +81,7 @@ fn a_stop_amid_a_servo_motion_is_gentle_and_comes_to_rest() {
     let moving = robot.actual().q[0];
     robot.brake(4.0);
     let hardest = run(&mut robot, 200);
-    assert!(robot.steady() && robot.motion == Motion::Rest);
+    assert!(robot.steady() && robot.motion == RobotMotion::Rest);
     // v²/2a = 0.125 rad; no jump to the target that was 34 ms ahead.
     let way = robot.actual().q[0] - moving;
     assert!((way - 0.125).abs() < 0.01 && hardest < 8.0, "{way} {hardest}");
@@ -96,7 +96,7 @@ fn slider_slows_movej_down_and_shows() {
     let from = robot.target.q;
     let mut to = from;
     to[0] += 1.0;
-    robot.plan(|point| Motion::Line(Line::new(point.q, to, 1.0, 2.0, 0.0)));
+    robot.plan(|point| RobotMotion::Line(Trapezoid::new(point.q, to, 1.0, 2.0, 0.0)));
     let mut fastest = 0.0f64;
     for _ in 0..400 {
         run(&mut robot, 1);
@@ -108,7 +108,11 @@ fn slider_slows_movej_down_and_shows() {
 #[test]
 fn an_emergency_stop_brakes_and_takes_the_power() {
     let mut robot = robot(Series::E);
-    robot.plan(|_| Motion::Speed { qd: [1.0, 0.0, 0.0, 0.0, 0.0, 0.0], acceleration: 5.0, left: 10_000 });
+    robot.plan(|_| RobotMotion::Speed {
+        qd: [1.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+        acceleration: 5.0,
+        left: 10_000,
+    });
     run(&mut robot, 300);
     assert!(robot.actual().qd[0] > 0.9);
     robot.emergency_stop();
@@ -131,7 +135,7 @@ fn a_pause_stands_still_and_goes_on() {
     let mut robot = robot(Series::E);
     let mut to = robot.target.q;
     to[2] += 0.5;
-    robot.plan(|point| Motion::Line(Line::new(point.q, to, 1.0, 2.0, 0.0)));
+    robot.plan(|point| RobotMotion::Line(Trapezoid::new(point.q, to, 1.0, 2.0, 0.0)));
     run(&mut robot, 100);
     robot.paused = true;
     run(&mut robot, 200);
@@ -144,27 +148,33 @@ fn a_pause_stands_still_and_goes_on() {
 }
 
 /// Joint 0 at 1 rad/s.
-fn moving(series: Series) -> Robot {
+fn moving(series: Series) -> SimulatedRobot {
     let mut robot = robot(series);
-    robot.plan(|_| Motion::Speed { qd: [1.0, 0.0, 0.0, 0.0, 0.0, 0.0], acceleration: 5.0, left: 10_000 });
+    robot.plan(|_| RobotMotion::Speed {
+        qd: [1.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+        acceleration: 5.0,
+        left: 10_000,
+    });
     run(&mut robot, 500);
     assert!((robot.actual().qd[0] - 1.0).abs() < 1e-3);
     robot
 }
 
 /// Cycles until the target stands.
-fn until_rest(robot: &mut Robot) -> u32 {
+fn until_rest(robot: &mut SimulatedRobot) -> u32 {
     (1..5000)
         .find(|_| {
             run(robot, 1);
-            robot.motion == Motion::Rest
+            robot.motion == RobotMotion::Rest
         })
         .expect("it comes to rest")
 }
 
 #[test]
 fn a_safety_stop_is_never_softer_than_a_stop_that_is_going_on() {
-    for stop in [Robot::emergency_stop, |robot: &mut Robot| robot.protective_stop(Stopped::Asked)] {
+    for stop in [SimulatedRobot::emergency_stop, |robot: &mut SimulatedRobot| {
+        robot.protective_stop(ProtectiveReason::Asked)
+    }] {
         let mut soft = moving(Series::E);
         soft.brake(0.5);
         run(&mut soft, 10);
@@ -203,13 +213,18 @@ fn an_emergency_stop_takes_the_power_of_an_arm_that_does_not_stand_and_of_one_th
 
 /// Streams a target at `speed_radps` to joint 0 until a protective stop; after how many cycles, of at most
 /// `most`.
-fn until_deviation(robot: &mut Robot, target: &mut [f64; 6], speed_radps: f64, most: u32) -> Option<u32> {
+fn until_deviation(
+    robot: &mut SimulatedRobot,
+    target: &mut [f64; 6],
+    speed_radps: f64,
+    most: u32,
+) -> Option<u32> {
     (0..most).find(|_| {
         target[0] += speed_radps * robot.dt();
         robot.servo(*target, 0.030);
         // A broken arm keeps no limits.
         robot.step();
-        robot.safety.protective() == Some(Stopped::Deviation)
+        robot.safety.protective() == Some(ProtectiveReason::Deviation)
     })
 }
 
@@ -234,7 +249,7 @@ fn a_slower_slider_does_not_hide_an_arm_that_stands_and_stops_none_that_is_only_
 }
 
 #[test]
-fn slow_and_paused_arms_fall_behind_and_are_told() {
+fn slow_and_paused_arms_fall_behind_and_are_reported() {
     for kind in [FaultKind::Slow(0.05), FaultKind::Paused] {
         let mut robot = robot(Series::E);
         let mut target = robot.target.q;
@@ -251,11 +266,11 @@ fn an_arm_stays_broken_through_power_and_reboot_until_it_is_mended() {
     robot.break_now(FaultKind::Stuck);
     run(&mut robot, 10);
     let stuck = robot.actual().q;
-    let lead = |robot: &mut Robot| {
+    let lead = |robot: &mut SimulatedRobot| {
         robot.mode = RobotMode::Running;
         let mut to = robot.target.q;
         to[0] += 0.2;
-        robot.plan(|point| Motion::Line(Line::new(point.q, to, 1.0, 2.0, 0.0)));
+        robot.plan(|point| RobotMotion::Line(Trapezoid::new(point.q, to, 1.0, 2.0, 0.0)));
         run(robot, 1000);
         robot.actual().q[0] - stuck[0]
     };
@@ -275,7 +290,11 @@ fn the_tools_angular_velocity_is_that_of_the_joint_that_turns_it() {
     // At home the tool points down: its rotation vector is half a turn long and changes its sign.
     let mut robot = robot(Series::E);
     robot.tcp_offset = [0.0, 0.0, 0.15, 0.0, 0.0, 0.0];
-    robot.plan(|_| Motion::Speed { qd: [0.0, 0.0, 0.0, 0.0, 0.0, 0.5], acceleration: 5.0, left: 10_000 });
+    robot.plan(|_| RobotMotion::Speed {
+        qd: [0.0, 0.0, 0.0, 0.0, 0.0, 0.5],
+        acceleration: 5.0,
+        left: 10_000,
+    });
     run(&mut robot, 1);
     let (target, actual) = (robot.tcp_speed(&robot.target), robot.tcp_speed(&robot.actual()));
     assert!(target[5].abs() > 1.5 * actual[5].abs(), "{target:?} {actual:?}");

@@ -3,15 +3,17 @@
 //! Contract: total; what it makes of a package depends on the connection's own state and the inputs others
 //! own.
 
-use super::inputs::{Denied, Inputs, Owner};
-use super::options::Options;
-use super::outputs::Source;
+use super::inputs::{Denied, InputVariables, Owner};
+use super::options::ControllerOptions;
+use super::outputs::OutputSource;
 use super::world::World;
-use foretrace_ur::primary::Said;
-use foretrace_ur::rtde::frames::WireError;
-use foretrace_ur::rtde::recipe::Recipe;
+use foretrace_ur::primary::MessageContent;
+use foretrace_ur::rtde::frames::RtdeWireError;
+use foretrace_ur::rtde::recipe::RtdeRecipe;
 use foretrace_ur::rtde::value::FieldType;
-use foretrace_ur::rtde::wire::{Answer, ControllerVersion, Message, ProtocolVersion, Reply, Request};
+use foretrace_ur::rtde::wire::{
+    ControllerVersion, FieldAnswer, ProtocolVersion, RtdeMessage, RtdeReply, RtdeRequest,
+};
 
 /// Longest list of names \[bytes\].
 const LONGEST_NAMES: usize = 2048;
@@ -22,32 +24,31 @@ const LONGEST_MESSAGE: usize = 255;
 
 /// What a connection wants to be sent.
 #[derive(Debug, Default)]
-pub struct Feed {
-    sources: Vec<Source>,
+pub struct OutputFeed {
+    sources: Vec<OutputSource>,
     /// Times a second; `None` where it was never set up.
     frequency_hz: Option<f64>,
     started: bool,
     rate_hz: f64,
 }
 
-/// A connection.
 #[derive(Debug)]
-pub struct Session {
+pub struct RtdeSession {
     owner: Owner,
     software: ControllerVersion,
     version: ProtocolVersion,
-    recipes: Vec<InputRecipe>,
+    recipes: Vec<ClaimedInputs>,
     /// What it wants to be sent.
-    pub feed: Feed,
+    pub feed: OutputFeed,
 }
 
 #[derive(Debug)]
-struct InputRecipe {
-    recipe: Recipe,
+struct ClaimedInputs {
+    recipe: RtdeRecipe,
     slots: Vec<usize>,
 }
 
-impl Feed {
+impl OutputFeed {
     /// Whether a package is due in `cycle`.
     #[must_use]
     pub fn due(&self, cycle: u64) -> bool {
@@ -57,12 +58,12 @@ impl Feed {
     }
 }
 
-impl Session {
+impl RtdeSession {
     /// A new connection, in version 1 of the protocol.
     #[must_use]
-    pub fn new(owner: Owner, options: &Options) -> Self {
+    pub fn new(owner: Owner, options: &ControllerOptions) -> Self {
         let rate_hz = f64::from(options.series.rate_hz());
-        let feed = Feed { rate_hz, ..Feed::default() };
+        let feed = OutputFeed { rate_hz, ..OutputFeed::default() };
         Self { owner, software: options.version, version: ProtocolVersion::V1, recipes: Vec::new(), feed }
     }
 
@@ -75,51 +76,50 @@ impl Session {
         let mut fields = Vec::new();
         self.feed.sources.iter().for_each(|source| source.read(world).put(&mut fields));
         let recipe = (self.version == ProtocolVersion::V2).then_some(1);
-        Reply::Data { recipe, fields }.encode(self.version).ok()
+        RtdeReply::Data { recipe, fields }.encode(self.version).ok()
     }
 
-    /// Answers one package.
     pub fn answer(&mut self, kind: u8, payload: &[u8], world: &mut World) -> Vec<Vec<u8>> {
         let version = self.version;
-        let replies = match Request::decode(kind, payload, version) {
+        let replies = match RtdeRequest::decode(kind, payload, version) {
             Ok(request) => self.reply(request, world),
-            Err(WireError::Type(kind)) => vec![self.complaint(format!("unknown package type {kind}"))],
+            Err(RtdeWireError::Type(kind)) => vec![self.complaint(format!("unknown package type {kind}"))],
             Err(error) => vec![self.complaint(error.to_string())],
         };
         replies.iter().filter_map(|reply| reply.encode(version).ok()).collect()
     }
 
-    fn complaint(&self, text: String) -> Reply {
-        Reply::Message(Message { level: 1, text, source: "RTDE".to_owned() })
+    fn complaint(&self, text: String) -> RtdeReply {
+        RtdeReply::Message(RtdeMessage { level: 1, text, source: "RTDE".to_owned() })
     }
 
-    fn reply(&mut self, request: Request, world: &mut World) -> Vec<Reply> {
+    fn reply(&mut self, request: RtdeRequest, world: &mut World) -> Vec<RtdeReply> {
         match request {
-            Request::Protocol(number) => {
+            RtdeRequest::Protocol(number) => {
                 let version = ProtocolVersion::from_number(number);
                 self.version = version.unwrap_or(self.version);
-                vec![Reply::Protocol(version.is_some())]
+                vec![RtdeReply::Protocol(version.is_some())]
             }
-            Request::ControllerVersion => vec![Reply::ControllerVersion(self.software)],
-            Request::Message(message) => {
+            RtdeRequest::ControllerVersion => vec![RtdeReply::ControllerVersion(self.software)],
+            RtdeRequest::Message(message) => {
                 let text: String = message.text.chars().take(LONGEST_MESSAGE).collect();
-                world.say(Said::Text(text));
+                world.say(MessageContent::Text(text));
                 Vec::new()
             }
-            Request::Outputs { frequency, names } => self.outputs(frequency, &names),
-            Request::Inputs { names } => self.inputs(&names, &mut world.inputs),
-            Request::Start if self.feed.frequency_hz.is_none() => {
-                vec![self.complaint("no outputs are set up".to_owned()), Reply::Start(false)]
+            RtdeRequest::Outputs { frequency, names } => self.outputs(frequency, &names),
+            RtdeRequest::Inputs { names } => self.inputs(&names, &mut world.inputs),
+            RtdeRequest::Start if self.feed.frequency_hz.is_none() => {
+                vec![self.complaint("no outputs are set up".to_owned()), RtdeReply::Start(false)]
             }
-            Request::Start => {
+            RtdeRequest::Start => {
                 self.feed.started = true;
-                vec![Reply::Start(true)]
+                vec![RtdeReply::Start(true)]
             }
-            Request::Pause => {
+            RtdeRequest::Pause => {
                 self.feed.started = false;
-                vec![Reply::Pause(true)]
+                vec![RtdeReply::Pause(true)]
             }
-            Request::Data { recipe, fields } => self.data(recipe, &fields, world),
+            RtdeRequest::Data { recipe, fields } => self.data(recipe, &fields, world),
         }
     }
 
@@ -127,24 +127,25 @@ impl Session {
         (self.software.major, self.software.minor)
     }
 
-    fn outputs(&mut self, frequency: Option<f64>, names: &[String]) -> Vec<Reply> {
+    fn outputs(&mut self, frequency: Option<f64>, names: &[String]) -> Vec<RtdeReply> {
         self.feed.started = false;
         self.feed.frequency_hz = None;
         self.feed.sources.clear();
         let second = self.version == ProtocolVersion::V2;
         if bytes(names) > LONGEST_NAMES {
-            let refused = Reply::Outputs { recipe: second.then_some(0), answers: Vec::new() };
+            let refused = RtdeReply::Outputs { recipe: second.then_some(0), answers: Vec::new() };
             return vec![self.complaint("the list of names is too long".to_owned()), refused];
         }
         let rate = self.feed.rate_hz;
         let frequency = frequency.unwrap_or(rate);
-        let sources: Vec<Option<(Source, FieldType)>> =
-            names.iter().map(|name| Source::of(name, self.version())).collect();
-        let answers: Vec<Answer> = sources
+        let sources: Vec<Option<(OutputSource, FieldType)>> =
+            names.iter().map(|name| OutputSource::of(name, self.version())).collect();
+        let answers: Vec<FieldAnswer> = sources
             .iter()
-            .map(|source| source.as_ref().map_or(Answer::NotFound, |(_, kind)| Answer::Type(*kind)))
+            .map(|source| source.as_ref().map_or(FieldAnswer::NotFound, |(_, kind)| FieldAnswer::Type(*kind)))
             .collect();
-        let whole: Option<Vec<Source>> = sources.into_iter().map(|source| source.map(|(s, _)| s)).collect();
+        let whole: Option<Vec<OutputSource>> =
+            sources.into_iter().map(|source| source.map(|(s, _)| s)).collect();
         let possible = frequency > 0.0 && frequency <= rate;
         let mut replies = Vec::new();
         if !possible {
@@ -156,13 +157,13 @@ impl Session {
             self.feed.frequency_hz = Some(frequency);
             id = 1;
         }
-        replies.push(Reply::Outputs { recipe: second.then_some(id), answers });
+        replies.push(RtdeReply::Outputs { recipe: second.then_some(id), answers });
         replies
     }
 
-    fn inputs(&mut self, names: &[String], inputs: &mut Inputs) -> Vec<Reply> {
+    fn inputs(&mut self, names: &[String], inputs: &mut InputVariables) -> Vec<RtdeReply> {
         if bytes(names) > LONGEST_NAMES || self.recipes.len() >= MOST_RECIPES {
-            let refused = Reply::Inputs { recipe: 0, answers: Vec::new() };
+            let refused = RtdeReply::Inputs { recipe: 0, answers: Vec::new() };
             return vec![self.complaint("too many names or recipes".to_owned()), refused];
         }
         let found: Vec<Result<(usize, FieldType), Denied>> =
@@ -170,9 +171,9 @@ impl Session {
         let answers = found
             .iter()
             .map(|found| match found {
-                Ok((_, kind)) => Answer::Type(*kind),
-                Err(Denied::NotFound) => Answer::NotFound,
-                Err(Denied::InUse) => Answer::InUse,
+                Ok((_, kind)) => FieldAnswer::Type(*kind),
+                Err(Denied::NotFound) => FieldAnswer::NotFound,
+                Err(Denied::InUse) => FieldAnswer::InUse,
             })
             .collect();
         let mut id = 0;
@@ -181,12 +182,12 @@ impl Session {
             id = u8::try_from(self.recipes.len() + 1).unwrap_or(0);
             let (slots, types): (Vec<usize>, Vec<FieldType>) = whole.into_iter().unzip();
             inputs.claim(&slots, self.owner);
-            self.recipes.push(InputRecipe { recipe: Recipe { id, types }, slots });
+            self.recipes.push(ClaimedInputs { recipe: RtdeRecipe { id, types }, slots });
         }
-        vec![Reply::Inputs { recipe: id, answers }]
+        vec![RtdeReply::Inputs { recipe: id, answers }]
     }
 
-    fn data(&mut self, id: u8, fields: &[u8], world: &mut World) -> Vec<Reply> {
+    fn data(&mut self, id: u8, fields: &[u8], world: &mut World) -> Vec<RtdeReply> {
         let index = usize::from(id).checked_sub(1);
         let Some(known) = index.and_then(|index| self.recipes.get(index)) else {
             return vec![self.complaint(format!("there is no input recipe {id}"))];

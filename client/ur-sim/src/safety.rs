@@ -18,10 +18,7 @@ pub enum RobotMode {
     /// 5: powered, brakes engaged.
     Idle,
     /// 5 still: brakes are released, then it runs.
-    Releasing {
-        /// As above.
-        until: Option<u64>,
-    },
+    Releasing { until: Option<u64> },
     /// 6: moved by hand, drives without torque.
     Backdrive,
     /// 7
@@ -29,28 +26,26 @@ pub enum RobotMode {
 }
 
 impl RobotMode {
-    /// RTDE's number.
-    #[must_use]
-    pub const fn number(self) -> i32 {
+    /// RTDE's number, and the dashboard's word.
+    const fn known_as(self) -> (i32, &'static str) {
         match self {
-            Self::PowerOff => 3,
-            Self::PowerOn { .. } => 4,
-            Self::Idle | Self::Releasing { .. } => 5,
-            Self::Backdrive => 6,
-            Self::Running => 7,
+            Self::PowerOff => (3, "POWER_OFF"),
+            Self::PowerOn { .. } => (4, "POWER_ON"),
+            Self::Idle | Self::Releasing { .. } => (5, "IDLE"),
+            Self::Backdrive => (6, "BACKDRIVE"),
+            Self::Running => (7, "RUNNING"),
         }
     }
 
-    /// The dashboard's word.
+    /// RTDE's `robot_mode`.
+    #[must_use]
+    pub const fn number(self) -> i32 {
+        self.known_as().0
+    }
+
     #[must_use]
     pub const fn word(self) -> &'static str {
-        match self {
-            Self::PowerOff => "POWER_OFF",
-            Self::PowerOn { .. } => "POWER_ON",
-            Self::Idle | Self::Releasing { .. } => "IDLE",
-            Self::Backdrive => "BACKDRIVE",
-            Self::Running => "RUNNING",
-        }
+        self.known_as().1
     }
 
     /// The joints hold themselves.
@@ -75,7 +70,7 @@ impl RobotMode {
 
 /// Why a protective stop came.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Stopped {
+pub enum ProtectiveReason {
     /// The arm is not where its targets led: C153A0.
     Deviation,
     /// A target far from the one before: C204A1.
@@ -86,7 +81,7 @@ pub enum Stopped {
     Asked,
 }
 
-impl Stopped {
+impl ProtectiveReason {
     /// Code and argument, where it has them.
     #[must_use]
     pub const fn code(self) -> (i32, i32) {
@@ -111,7 +106,7 @@ impl Stopped {
 
 /// What only an operator at the pendant ends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Breach {
+pub enum SafetyBreach {
     /// A limit of the safety settings was exceeded.
     Violation,
     /// The safety system itself is at fault.
@@ -125,11 +120,11 @@ pub enum Breach {
 pub struct Safety {
     rate_hz: u32,
     /// Since which cycle, and why.
-    protective: Option<(u64, Stopped)>,
+    protective: Option<(u64, ProtectiveReason)>,
     /// In which cycle an emergency stop began that has not taken the power yet.
     braking: Option<u64>,
     /// What only an operator ends.
-    pub breach: Option<Breach>,
+    pub breach: Option<SafetyBreach>,
     /// An emergency stop button is pressed.
     pub emergency: bool,
     /// The safeguard input is open.
@@ -137,7 +132,6 @@ pub struct Safety {
 }
 
 impl Safety {
-    /// Nothing stops it.
     #[must_use]
     pub const fn new(rate_hz: u32) -> Self {
         Self { rate_hz, protective: None, braking: None, breach: None, emergency: false, safeguard: false }
@@ -169,17 +163,17 @@ impl Safety {
     /// Whether the power may be switched on.
     #[must_use]
     pub fn lets_power_on(&self) -> bool {
-        !self.emergency_stopped() && matches!(self.breach, None | Some(Breach::Recovery))
+        !self.emergency_stopped() && matches!(self.breach, None | Some(SafetyBreach::Recovery))
     }
 
     /// A protective stop in `cycle`; the first reason stays.
-    pub fn protective_stop(&mut self, cycle: u64, why: Stopped) {
+    pub fn protective_stop(&mut self, cycle: u64, why: ProtectiveReason) {
         self.protective.get_or_insert((cycle, why));
     }
 
     /// Why there is a protective stop.
     #[must_use]
-    pub fn protective(&self) -> Option<Stopped> {
+    pub fn protective(&self) -> Option<ProtectiveReason> {
         self.protective.map(|(_, why)| why)
     }
 
@@ -198,7 +192,6 @@ impl Safety {
         Ok(())
     }
 
-    /// Nothing stops it.
     #[must_use]
     pub const fn clear(&self) -> bool {
         self.number() == 1
@@ -210,45 +203,33 @@ impl Safety {
         matches!(self.number(), 1 | 5)
     }
 
-    /// RTDE's `safety_mode`.
-    #[must_use]
-    pub const fn number(&self) -> i32 {
+    /// RTDE's `safety_mode`, the dashboard's word, and RTDE's `safety_status_bits`.
+    const fn known_as(&self) -> (i32, &'static str, u32) {
         match self.breach {
-            Some(Breach::Violation) => 8,
-            Some(Breach::Fault) => 9,
-            _ if self.emergency_stopped() => 7,
-            _ if self.protective.is_some() => 3,
-            Some(Breach::Recovery) => 4,
-            None if self.safeguard => 5,
-            None => 1,
+            Some(SafetyBreach::Violation) => (8, "VIOLATION", 1 << 8 | 1 << 10),
+            Some(SafetyBreach::Fault) => (9, "FAULT", 1 << 9 | 1 << 10),
+            _ if self.emergency_stopped() => (7, "ROBOT_EMERGENCY_STOP", 1 << 6 | 1 << 7 | 1 << 10),
+            _ if self.protective.is_some() => (3, "PROTECTIVE_STOP", 1 << 2 | 1 << 10),
+            Some(SafetyBreach::Recovery) => (4, "RECOVERY", 1 << 3 | 1 << 10),
+            None if self.safeguard => (5, "SAFEGUARD_STOP", 1 << 4 | 1 << 10),
+            None => (1, "NORMAL", 1),
         }
     }
 
-    /// The dashboard's word.
+    /// RTDE's `safety_mode`.
+    #[must_use]
+    pub const fn number(&self) -> i32 {
+        self.known_as().0
+    }
+
     #[must_use]
     pub const fn word(&self) -> &'static str {
-        match self.number() {
-            8 => "VIOLATION",
-            9 => "FAULT",
-            7 => "ROBOT_EMERGENCY_STOP",
-            4 => "RECOVERY",
-            3 => "PROTECTIVE_STOP",
-            5 => "SAFEGUARD_STOP",
-            _ => "NORMAL",
-        }
+        self.known_as().1
     }
 
     /// RTDE's `safety_status_bits`.
     #[must_use]
     pub const fn bits(&self) -> u32 {
-        match self.number() {
-            8 => 1 << 8 | 1 << 10,
-            9 => 1 << 9 | 1 << 10,
-            7 => 1 << 6 | 1 << 7 | 1 << 10,
-            4 => 1 << 3 | 1 << 10,
-            3 => 1 << 2 | 1 << 10,
-            5 => 1 << 4 | 1 << 10,
-            _ => 1,
-        }
+        self.known_as().2
     }
 }

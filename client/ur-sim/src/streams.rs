@@ -1,14 +1,15 @@
 //! What ports 30001, 30002 and 30003 send: states and messages, and the fixed record of the real-time
 //! interface.
 
-use super::kinematics::Dh;
+use super::kinematics::nominal;
 use super::options::Series;
 use super::outputs::joint_mode;
 use super::robot::{POSITION_LIMIT_RAD, SPEED_LIMIT_RADPS};
 use super::world::{Runtime, World};
+use foretrace_ur::bridge::kinematics::DhParameters;
 use foretrace_ur::primary::{
-    CartesianInfo, ConfigurationData, JointData, KinematicsInfo, MasterboardData, OneJoint, Package,
-    RobotMessage, RobotModeData, Said, State, SubPackage, ToolData,
+    CartesianInfo, ConfigurationData, JointData, KinematicsInfo, MasterboardData, MessageContent, OneJoint,
+    PrimaryPackage, RobotMessage, RobotModeData, RobotState, SubPackage, ToolData,
 };
 
 /// Bytes of a real-time record: 3.5 and later, 5.10 and later.
@@ -25,7 +26,7 @@ pub fn greeting(world: &World) -> Vec<u8> {
     let version = world.robot.options.version;
     let small = |number: u32| u8::try_from(number).unwrap_or(u8::MAX);
     let large = |number: u32| i32::try_from(number).unwrap_or(i32::MAX);
-    let said = Said::Version {
+    let content = MessageContent::Version {
         project: "URControl".to_owned(),
         major: small(version.major),
         minor: small(version.minor),
@@ -33,13 +34,13 @@ pub fn greeting(world: &World) -> Vec<u8> {
         build: large(version.build),
         date: "simulated".to_owned(),
     };
-    message(world, said)
+    message(world, content)
 }
 
 /// A message as a package.
 #[must_use]
-pub fn message(world: &World, said: Said) -> Vec<u8> {
-    Package::Message(RobotMessage { timestamp_us: timestamp_us(world), source: -1, said }).encode()
+pub fn message(world: &World, content: MessageContent) -> Vec<u8> {
+    PrimaryPackage::Message(RobotMessage { timestamp_us: timestamp_us(world), source: -1, content }).encode()
 }
 
 /// The state as ports 30001 and 30002 send it ten times a second.
@@ -97,10 +98,10 @@ pub fn state(world: &World) -> Vec<u8> {
         SubPackage::Configuration(configuration(robot.options.series)),
         SubPackage::Additional([false, true, true]),
     ];
-    Package::State(State { parts }).encode()
+    PrimaryPackage::State(RobotState { parts }).encode()
 }
 
-fn kinematics(dh: &Dh, calibrated: bool) -> KinematicsInfo {
+fn kinematics(dh: &DhParameters, calibrated: bool) -> KinematicsInfo {
     let mut checksum = [0; 6];
     let rows = dh.theta.iter().zip(dh.a).zip(dh.d).zip(dh.alpha);
     for (sum, (((theta, a), d), alpha)) in checksum.iter_mut().zip(rows) {
@@ -108,12 +109,12 @@ fn kinematics(dh: &Dh, calibrated: bool) -> KinematicsInfo {
         let mixed = bits.iter().fold(0u64, |sum, bits| (sum ^ bits).wrapping_mul(0x9e37_79b9_7f4a_7c15));
         *sum = (mixed >> 32) as u32;
     }
-    let Dh { theta, a, d, alpha } = *dh;
+    let DhParameters { theta, a, d, alpha } = *dh;
     KinematicsInfo { checksum, theta, a, d, alpha, calibration_status: u32::from(!calibrated) }
 }
 
 fn configuration(series: Series) -> ConfigurationData {
-    let Dh { theta, a, d, alpha } = Dh::nominal(series);
+    let DhParameters { theta, a, d, alpha } = nominal(series);
     ConfigurationData {
         position_limits: [[-POSITION_LIMIT_RAD, POSITION_LIMIT_RAD]; 6],
         motion_limits: [[SPEED_LIMIT_RADPS, 40.0]; 6],
@@ -185,12 +186,12 @@ pub fn real_time(world: &World) -> Vec<u8> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::options::Options;
+    use crate::options::ControllerOptions;
 
     #[test]
     fn real_time_records_have_the_guides_size_and_places() {
         for (series, size) in [(Series::Cb3, 1108), (Series::E, 1220)] {
-            let world = World::new(Options::new(series));
+            let world = World::new(ControllerOptions::new(series));
             let bytes = real_time(&world);
             assert_eq!(bytes.len(), size);
             assert_eq!(bytes[..4], i32::try_from(size).unwrap().to_be_bytes());
@@ -205,14 +206,16 @@ mod tests {
 
     #[test]
     fn states_are_read_by_our_own_client() {
-        let mut options = Options::new(Series::E);
+        let mut options = ControllerOptions::new(Series::E);
         options.calibration_error_m = 0.003;
         let world = World::new(options);
         let bytes = state(&world);
-        let Ok(Some(Package::State(state))) = Package::take(&mut &bytes[..]) else { panic!("no state") };
+        let Ok(Some(PrimaryPackage::State(state))) = PrimaryPackage::take(&mut &bytes[..]) else {
+            panic!("no state")
+        };
         assert_eq!(state.parts.len(), 8);
         let kinematics = state.kinematics().unwrap();
         assert_eq!((kinematics.a, kinematics.calibration_status), (world.robot.dh.a, 0));
-        assert_ne!(kinematics.a, Dh::nominal(Series::E).a);
+        assert_ne!(kinematics.a, nominal(Series::E).a);
     }
 }

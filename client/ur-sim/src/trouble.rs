@@ -23,7 +23,6 @@ struct TroubleState {
     off: Vec<Service>,
     delay: Duration,
     jitter: Duration,
-    /// Draws the jitter.
     draws: u64,
 }
 

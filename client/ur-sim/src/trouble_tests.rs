@@ -5,19 +5,21 @@ use std::net::TcpStream;
 use std::time::{Duration, Instant};
 
 use super::*;
-use foretrace_ur::rtde::{Client, Value};
+use foretrace_ur::rtde::{RtdeClient, RtdeValue};
 
 const PATIENCE: Duration = Duration::from_secs(10);
 
-fn start() -> (Controller, Client) {
-    let controller = Controller::start(Options { ephemeral_ports: true, ..Options::new(Series::E) }).unwrap();
-    let mut client = Client::connect(controller.address(Service::Rtde).unwrap(), PATIENCE).unwrap();
+fn start() -> (Controller, RtdeClient) {
+    let controller =
+        Controller::start(ControllerOptions { ephemeral_ports: true, ..ControllerOptions::new(Series::E) })
+            .unwrap();
+    let mut client = RtdeClient::connect(controller.address(Service::Rtde).unwrap(), PATIENCE).unwrap();
     client.set_up_outputs(&["timestamp", "input_int_register_30"], 500.0).unwrap();
     client.start().unwrap();
     (controller, client)
 }
 
-fn receive(client: &mut Client) -> Vec<Value> {
+fn receive(client: &mut RtdeClient) -> Vec<RtdeValue> {
     client.receive(PATIENCE).unwrap().expect("no package").values
 }
 
@@ -38,10 +40,10 @@ fn a_cut_network_holds_both_ways_and_keeps_the_connection() {
     while client.receive(Duration::from_millis(100)).unwrap().is_some() {
         assert!(cut.elapsed() < PATIENCE, "never cut");
     }
-    client.send(&inputs, &[Value::Int32(5)]).unwrap();
+    client.send(&inputs, &[RtdeValue::Int32(5)]).unwrap();
     let back = loop {
         let values = receive(&mut client);
-        if values[1] == Value::Int32(5) {
+        if values[1] == RtdeValue::Int32(5) {
             break cut.elapsed();
         }
         assert!(cut.elapsed() < PATIENCE, "never back");
@@ -69,7 +71,7 @@ fn delayed_packages_come_in_order_and_that_much_later() {
 }
 
 #[test]
-fn an_arm_that_breaks_is_told_by_its_controller_when_targets_go_on() {
+fn an_arm_that_breaks_is_reported_by_its_controller_when_targets_go_on() {
     let (controller, mut client) = start();
     let mut script = std::net::TcpStream::connect(controller.address(Service::Primary).unwrap()).unwrap();
     let text = "def m():\n  q = get_target_joint_positions()\n  while True:\n    q[0] = q[0] + 0.002\n    \
@@ -82,7 +84,7 @@ fn an_arm_that_breaks_is_told_by_its_controller_when_targets_go_on() {
         assert!(began.elapsed() < PATIENCE, "never moved");
     }
     assert_eq!(controller.obey("arm stuck"), "ok");
-    while receive(&mut client)[1] != Value::Int32(3) {
+    while receive(&mut client)[1] != RtdeValue::Int32(3) {
         assert!(began.elapsed() < 2 * PATIENCE, "never stopped");
     }
     assert!(controller.status().contains("C153A0"));

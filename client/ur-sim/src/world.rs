@@ -4,15 +4,15 @@
 use std::collections::{BTreeMap, VecDeque};
 
 use super::arrival::{Arrival, MOST_ARRIVALS};
-use super::inputs::Inputs;
-use super::machine::{Away, Hands, MOST_SAID, Registers, Watchdog};
-use super::motion::Motion;
-use super::options::Options;
-use super::robot::Robot;
-use super::safety::{RobotMode, Stopped};
-use crate::script::{Program, Progress, Run, ScriptError, ThreadId};
-use foretrace_ur::primary::Said;
-use foretrace_ur::rtde::Value;
+use super::inputs::InputVariables;
+use super::machine::{Away, Hands, MOST_MESSAGES, Registers, Watchdog};
+use super::motion::RobotMotion;
+use super::options::ControllerOptions;
+use super::robot::SimulatedRobot;
+use super::safety::{ProtectiveReason, RobotMode};
+use crate::script::{Program, Progress, ScriptError, ScriptRun, ThreadId};
+use foretrace_ur::primary::MessageContent;
+use foretrace_ur::rtde::RtdeValue;
 
 /// Longest name of a program that is kept \[characters\].
 const LONGEST_NAME: usize = 100;
@@ -20,52 +20,40 @@ const LONGEST_NAME: usize = 100;
 /// RTDE's `runtime_state`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Runtime {
-    /// 1
-    Stopped,
-    /// 2
-    Playing,
-    /// 3
-    Pausing,
-    /// 4
-    Paused,
-    /// 5
-    Resuming,
+    Stopped = 1,
+    Playing = 2,
+    /// On its way to a pause.
+    Pausing = 3,
+    Paused = 4,
+    /// On its way back to full speed.
+    Resuming = 5,
 }
 
 impl Runtime {
-    /// RTDE's number.
     #[must_use]
     pub const fn number(self) -> u32 {
-        match self {
-            Self::Stopped => 1,
-            Self::Playing => 2,
-            Self::Pausing => 3,
-            Self::Paused => 4,
-            Self::Resuming => 5,
-        }
+        self as u32
     }
 }
 
 /// A program that runs or is paused.
 #[derive(Debug)]
 struct Running {
-    run: Run,
+    run: ScriptRun,
     name: String,
 }
 
 /// Everything that a controller knows.
 #[derive(Debug)]
 pub struct World {
-    /// The robot.
-    pub robot: Robot,
+    pub robot: SimulatedRobot,
     /// Input variables of RTDE.
-    pub inputs: Inputs,
-    /// Output registers.
+    pub inputs: InputVariables,
     pub registers: Registers,
     /// In remote control: scripts and dashboard commands that move the robot are taken.
     pub remote: bool,
     /// Messages that wait for ports 30001 and 30002.
-    pub said: VecDeque<Said>,
+    pub messages: VecDeque<MessageContent>,
     program: Option<Running>,
     /// The program that was sent last, for `play`.
     loaded: Option<(Program, String)>,
@@ -76,20 +64,20 @@ pub struct World {
     watchdogs: Vec<Watchdog>,
     waits: BTreeMap<ThreadId, u64>,
     mover: Option<ThreadId>,
-    told: Option<Stopped>,
+    reported: Option<ProtectiveReason>,
 }
 
 impl World {
     /// A controller that has booted.
     #[must_use]
-    pub fn new(options: Options) -> Self {
+    pub fn new(options: ControllerOptions) -> Self {
         let version = options.version;
         Self {
-            robot: Robot::new(options),
-            inputs: Inputs::new((version.major, version.minor)),
+            robot: SimulatedRobot::new(options),
+            inputs: InputVariables::new((version.major, version.minor)),
             registers: Registers::default(),
             remote: true,
-            said: VecDeque::new(),
+            messages: VecDeque::new(),
             program: None,
             loaded: None,
             retired: None,
@@ -97,7 +85,7 @@ impl World {
             watchdogs: Vec::new(),
             waits: BTreeMap::new(),
             mover: None,
-            told: None,
+            reported: None,
         }
     }
 
@@ -130,16 +118,21 @@ impl World {
     }
 
     /// A message for the log and the primary interface.
-    pub fn say(&mut self, said: Said) {
-        if self.said.len() < MOST_SAID {
-            self.said.push_back(said);
+    pub fn say(&mut self, content: MessageContent) {
+        if self.messages.len() < MOST_MESSAGES {
+            self.messages.push_back(content);
         }
     }
 
     fn fail(&mut self, error: ScriptError) {
-        let number = |number: u32| i32::try_from(number).unwrap_or(i32::MAX);
-        let (line, column) = (number(error.line), number(error.column));
-        self.say(Said::RuntimeException { line, column, text: error.message });
+        let [line, column] =
+            [error.at.line, error.at.column].map(|number| i32::try_from(number).unwrap_or(i32::MAX));
+        self.say(MessageContent::RuntimeException { line, column, text: error.message });
+    }
+
+    /// What happened to the program `name`.
+    fn say_of_program(&mut self, title: &str, name: String) {
+        self.say(MessageContent::Key { code: 0, argument: 0, title: title.to_owned(), text: name });
     }
 
     /// Lends the robot to a program.
@@ -151,7 +144,7 @@ impl World {
             watchdogs: &mut self.watchdogs,
             waits: &mut self.waits,
             mover: &mut self.mover,
-            said: &mut self.said,
+            messages: &mut self.messages,
             spent: 0,
         };
         program(&mut hands)
@@ -171,7 +164,7 @@ impl World {
         Ok(())
     }
 
-    /// Takes a text from a port at once: a program takes the place of the one that runs.
+    /// Takes a text from a port at once: a program replaces the one that runs.
     pub fn take_script(&mut self, text: &str) {
         self.obey(Arrival::read(text));
     }
@@ -179,7 +172,7 @@ impl World {
     /// In local control a controller obeys its pendant only, in plain lines as in programs.
     fn obey(&mut self, arrival: Arrival) {
         if !self.remote {
-            self.say(Said::Text("Refused: the robot is not in remote control".to_owned()));
+            self.say(MessageContent::Text("Refused: the robot is not in remote control".to_owned()));
             return;
         }
         match arrival {
@@ -213,7 +206,7 @@ impl World {
     /// A secondary program: done within this cycle, beside the program that runs.
     fn run_beside(&mut self, program: &Program) {
         let result = self.lend(|hands| {
-            let mut run = Run::new(program, hands)?;
+            let mut run = ScriptRun::new(program, hands)?;
             match run.cycle(hands) {
                 Progress::Failed(error) => Err(error),
                 Progress::Running | Progress::Finished => Ok(()),
@@ -238,22 +231,16 @@ impl World {
         let Some((program, name)) = self.loaded.clone() else { return false };
         self.stop();
         if !self.robot.ready() {
-            self.say(Said::Text("The program cannot start: the robot is not ready".to_owned()));
+            self.say(MessageContent::Text("The program cannot start: the robot is not ready".to_owned()));
             return false;
         }
-        match self.lend(|hands| Run::new(&program, hands)) {
+        match self.lend(|hands| ScriptRun::new(&program, hands)) {
             Err(error) => {
                 self.fail(error);
                 false
             }
             Ok(run) => {
-                let said = |title: &str| Said::Key {
-                    code: 0,
-                    argument: 0,
-                    title: title.to_owned(),
-                    text: name.clone(),
-                };
-                self.say(said("PROGRAM_XXX_STARTED"));
+                self.say_of_program("PROGRAM_XXX_STARTED", name.clone());
                 self.program = Some(Running { run, name });
                 true
             }
@@ -270,20 +257,19 @@ impl World {
     pub fn stop(&mut self) {
         if let Some(mut running) = self.program.take() {
             self.lend(|hands| running.run.stop(hands));
-            self.over(&running.name);
+            self.over(running.name);
         }
     }
 
-    fn over(&mut self, name: &str) {
+    fn over(&mut self, name: String) {
         self.watchdogs.clear();
         self.waits.clear();
         self.robot.paused = false;
         self.robot.brake(4.0);
-        let title = "PROGRAM_XXX_STOPPED".to_owned();
-        self.say(Said::Key { code: 0, argument: 0, title, text: name.to_owned() });
+        self.say_of_program("PROGRAM_XXX_STOPPED", name);
     }
 
-    /// As after a reboot: no program, and what [`Robot::reboot`] says.
+    /// As after a reboot: no program, and what [`SimulatedRobot::reboot`] says.
     pub fn reboot(&mut self) {
         let mut again = Self::new(self.robot.options);
         self.robot.reboot();
@@ -330,14 +316,14 @@ impl World {
         true
     }
 
-    /// Does what the input `name` asks for, if it is no register: the slider, digital and analog outputs,
+    /// Does what the input `name` asks for, if it is not a register: the slider, digital and analog outputs,
     /// where their mask says so.
     pub fn apply_input(&mut self, name: &str) {
         let inputs = &self.inputs;
-        let word = |name: &str| inputs.value(name).and_then(Value::uint8).unwrap_or(0);
-        let number = |name: &str| inputs.value(name).and_then(Value::double).unwrap_or(0.0);
+        let word = |name: &str| inputs.value(name).and_then(RtdeValue::uint8).unwrap_or(0);
+        let number = |name: &str| inputs.value(name).and_then(RtdeValue::double).unwrap_or(0.0);
         if name.starts_with("speed_slider") {
-            let mask = inputs.value("speed_slider_mask").and_then(Value::uint32).unwrap_or(0);
+            let mask = inputs.value("speed_slider_mask").and_then(RtdeValue::uint32).unwrap_or(0);
             let fraction = number("speed_slider_fraction");
             if mask & 1 == 1 && fraction.is_finite() {
                 self.robot.slider = fraction.clamp(0.0, 1.0);
@@ -364,7 +350,6 @@ impl World {
         }
     }
 
-    /// One control cycle.
     pub fn cycle(&mut self) {
         // A program takes its time to begin, or to run beside; lines and errors take none.
         while let Some(arrival) = self.arrivals.pop_front() {
@@ -380,10 +365,10 @@ impl World {
         {
             match self.lend(|hands| running.run.cycle(hands)) {
                 Progress::Running => self.program = Some(running),
-                Progress::Finished => self.over(&running.name),
+                Progress::Finished => self.over(running.name),
                 Progress::Failed(error) => {
                     self.fail(error);
-                    self.over(&running.name);
+                    self.over(running.name);
                 }
             }
         }
@@ -402,11 +387,11 @@ impl World {
         let text = format!("RTDE watchdog: {} was not updated in time", watchdog.name);
         match watchdog.away {
             Away::Stop => {
-                self.say(Said::Text(text));
+                self.say(MessageContent::Text(text));
                 self.stop();
             }
             Away::Pause if !self.robot.paused => {
-                self.say(Said::Text(text));
+                self.say(MessageContent::Text(text));
                 self.pause();
             }
             Away::Pause | Away::Ignore => {}
@@ -422,21 +407,23 @@ impl World {
         if safety.safeguard {
             self.pause();
         }
-        if safety.protective() != self.told {
-            self.told = safety.protective();
-            if let Some(why) = self.told {
+        if safety.protective() != self.reported {
+            self.reported = safety.protective();
+            if let Some(why) = self.reported {
                 let (code, argument) = why.code();
-                self.say(Said::Code { code, argument, level: 3, text: why.text().to_owned() });
+                self.say(MessageContent::Code { code, argument, level: 3, text: why.text().to_owned() });
             }
         }
-        debug_assert!(!matches!(self.robot.motion, Motion::Servo { .. }) || safety.protective().is_none());
+        debug_assert!(
+            !matches!(self.robot.motion, RobotMotion::Servo { .. }) || safety.protective().is_none()
+        );
     }
 }
 
 /// What a program holds of its controller.
 #[cfg(test)]
 #[derive(Debug)]
-pub(super) struct Held {
+pub(super) struct ProgramLoad {
     pub(super) instructions: u32,
     pub(super) threads: usize,
     pub(super) waits: usize,
@@ -446,14 +433,14 @@ pub(super) struct Held {
 
 #[cfg(test)]
 impl World {
-    pub(super) fn held(&self) -> Held {
+    pub(super) fn held(&self) -> ProgramLoad {
         let run = self.program.as_ref().map(|running| &running.run);
-        Held {
-            instructions: run.map_or(0, Run::used),
-            threads: run.map_or(0, Run::threads),
+        ProgramLoad {
+            instructions: run.map_or(0, ScriptRun::used),
+            threads: run.map_or(0, ScriptRun::threads),
             waits: self.waits.len(),
             watchdogs: self.watchdogs.len(),
-            messages: self.said.len(),
+            messages: self.messages.len(),
         }
     }
 }

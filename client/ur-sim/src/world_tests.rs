@@ -2,12 +2,12 @@
 
 use super::*;
 use crate::options::Series;
-use crate::safety::Breach;
+use crate::safety::SafetyBreach;
 
 const LOOP: &str = "def p():\n  while True:\n    sync()\n  end\nend\n";
 
 fn world() -> World {
-    World::new(Options::new(Series::E))
+    World::new(ControllerOptions::new(Series::E))
 }
 
 fn run(world: &mut World, cycles: usize) {
@@ -15,7 +15,7 @@ fn run(world: &mut World, cycles: usize) {
 }
 
 fn texts(world: &mut World) -> String {
-    format!("{:?}", world.said.drain(..).collect::<Vec<_>>())
+    format!("{:?}", world.messages.drain(..).collect::<Vec<_>>())
 }
 
 #[test]
@@ -109,7 +109,7 @@ fn safety_stops_end_the_program_and_a_safeguard_pauses_it() {
     assert!(world.play());
     run(&mut world, 200);
     assert_eq!(world.runtime(), Runtime::Playing);
-    world.robot.protective_stop(Stopped::Deviation);
+    world.robot.protective_stop(ProtectiveReason::Deviation);
     run(&mut world, 1);
     assert_eq!(world.runtime(), Runtime::Stopped);
     assert!(texts(&mut world).contains("C153A0"));
@@ -128,7 +128,7 @@ fn watchdogs_pause_stop_or_ignore() {
         let (slot, _) = world.inputs.free("input_int_register_24", 1).unwrap();
         for cycle in 0..20 {
             run(&mut world, 40);
-            world.inputs.set(slot, Value::Int32(cycle), world.robot.cycle);
+            world.inputs.set(slot, RtdeValue::Int32(cycle), world.robot.cycle);
         }
         assert_eq!(world.runtime(), Runtime::Playing, "{action}");
         run(&mut world, 52 + 110);
@@ -139,20 +139,20 @@ fn watchdogs_pause_stop_or_ignore() {
 #[test]
 fn outputs_of_a_program_are_not_undone_by_a_client_that_sets_the_slider() {
     let mut world = world();
-    let set = |world: &mut World, name: &str, value: Value| {
+    let set = |world: &mut World, name: &str, value: RtdeValue| {
         let (slot, _) = world.inputs.free(name, 1).unwrap();
         world.inputs.set(slot, value, 0);
         world.apply_input(name);
     };
-    set(&mut world, "standard_digital_output_mask", Value::Uint8(1));
-    set(&mut world, "standard_digital_output", Value::Uint8(1));
+    set(&mut world, "standard_digital_output_mask", RtdeValue::Uint8(1));
+    set(&mut world, "standard_digital_output", RtdeValue::Uint8(1));
     assert_eq!(world.robot.digital_outputs, 1);
     world.take_script("set_digital_out(0, False)\n");
     run(&mut world, 2);
-    set(&mut world, "speed_slider_mask", Value::Uint32(1));
-    set(&mut world, "speed_slider_fraction", Value::Double(0.25));
+    set(&mut world, "speed_slider_mask", RtdeValue::Uint32(1));
+    set(&mut world, "speed_slider_fraction", RtdeValue::Double(0.25));
     assert_eq!((world.robot.digital_outputs, world.robot.slider), (0, 0.25));
-    set(&mut world, "speed_slider_fraction", Value::Double(f64::NAN));
+    set(&mut world, "speed_slider_fraction", RtdeValue::Double(f64::NAN));
     assert_eq!(world.robot.slider, 0.25);
 }
 
@@ -160,8 +160,8 @@ fn outputs_of_a_program_are_not_undone_by_a_client_that_sets_the_slider() {
 fn messages_that_nobody_takes_are_bounded() {
     let mut world = world();
     world.take_script("def t():\n  while True:\n    textmsg(\"x\")\n    sync()\n  end\nend\n");
-    run(&mut world, 10 * MOST_SAID);
-    assert_eq!(world.said.len(), MOST_SAID);
+    run(&mut world, 10 * MOST_MESSAGES);
+    assert_eq!(world.messages.len(), MOST_MESSAGES);
 }
 
 #[test]
@@ -197,9 +197,9 @@ fn a_button_that_is_pressed_stays_pressed_through_a_reboot() {
 fn violation_fault_recovery_and_backdrive_stop_the_program_until_an_operator_has_acted() {
     type Act = fn(&mut World);
     let stops: [(Act, i32, i32, Act); 4] = [
-        (|w| w.robot.breach(Breach::Violation), 8, 3, World::restart_safety),
-        (|w| w.robot.breach(Breach::Fault), 9, 3, World::restart_safety),
-        (|w| w.robot.breach(Breach::Recovery), 4, 7, |w| w.robot.safety.breach = None),
+        (|w| w.robot.breach(SafetyBreach::Violation), 8, 3, World::restart_safety),
+        (|w| w.robot.breach(SafetyBreach::Fault), 9, 3, World::restart_safety),
+        (|w| w.robot.breach(SafetyBreach::Recovery), 4, 7, |w| w.robot.safety.breach = None),
         (|w| assert!(w.backdrive(true)), 1, 6, |w| assert!(w.backdrive(false))),
     ];
     for (stop, safety, mode, mend) in stops {
@@ -240,7 +240,7 @@ fn in_local_control_no_line_of_a_client_is_obeyed() {
         assert_eq!((world.runtime(), world.program_name()), (Runtime::Playing, "p"), "{line}");
         assert!(texts(&mut world).contains("not in remote control"), "{line}");
     }
-    let mut world = World::new(Options { running: false, ..Options::new(Series::E) });
+    let mut world = World::new(ControllerOptions { running: false, ..ControllerOptions::new(Series::E) });
     world.remote = false;
     world.take_script("set robotmode run");
     run(&mut world, 600);

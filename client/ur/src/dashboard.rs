@@ -9,7 +9,6 @@ use std::io::{ErrorKind, Read, Write};
 use std::net::{SocketAddr, TcpStream};
 use std::time::{Duration, Instant};
 
-/// The dashboard's port.
 pub const PORT: u16 = 29999;
 
 /// The end of the version of a `foretrace ur-sim`, and of no other controller.
@@ -57,9 +56,7 @@ impl Dashboard {
     ///
     /// See [`DashboardError`].
     pub fn connect(address: SocketAddr, patience: Duration) -> Result<Self, DashboardError> {
-        let stream = TcpStream::connect_timeout(&address, patience).map_err(DashboardError::Connect)?;
-        stream.set_nodelay(true).map_err(DashboardError::Connect)?;
-        stream.set_write_timeout(Some(patience)).map_err(DashboardError::Connect)?;
+        let stream = crate::connect(address, patience).map_err(DashboardError::Connect)?;
         let mut dashboard = Self { stream, read: Vec::new(), patience, greeting: String::new() };
         dashboard.greeting = dashboard.line()?;
         Ok(dashboard)
@@ -107,23 +104,14 @@ impl Dashboard {
         self.stream.set_nonblocking(true).map_err(DashboardError::Broken)?;
         let mut scrap = [0; 256];
         // Bounded: a server that never stops talking is not listened to.
-        let mut came = Ok(());
-        for _ in 0..16 {
-            match self.stream.read(&mut scrap) {
-                Ok(0) => {
-                    came = Err(DashboardError::Closed);
-                    break;
-                }
-                Ok(_) => {}
-                Err(error) if error.kind() == ErrorKind::WouldBlock => break,
-                Err(error) => {
-                    came = Err(DashboardError::Broken(error));
-                    break;
-                }
-            }
-        }
+        let came = (0..16).try_for_each(|_| match self.stream.read(&mut scrap) {
+            Ok(0) => Err(Some(DashboardError::Closed)),
+            Ok(_) => Ok(()),
+            Err(error) if error.kind() == ErrorKind::WouldBlock => Err(None),
+            Err(error) => Err(Some(DashboardError::Broken(error))),
+        });
         self.stream.set_nonblocking(false).map_err(DashboardError::Broken)?;
-        came
+        came.err().flatten().map_or(Ok(()), Err)
     }
 
     /// The next line, without its end, control characters left out.
@@ -148,9 +136,10 @@ impl Dashboard {
             match self.stream.read(&mut some) {
                 Ok(0) => return Err(DashboardError::Closed),
                 Ok(count) => self.read.extend(some.iter().take(count)),
-                Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => {}
-                Err(error) if error.kind() == ErrorKind::Interrupted => {}
-                Err(error) => return Err(DashboardError::Broken(error)),
+                Err(error) => match error.kind() {
+                    ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted => {}
+                    _ => return Err(DashboardError::Broken(error)),
+                },
             }
         }
     }
@@ -219,7 +208,7 @@ mod tests {
     }
 
     #[test]
-    fn a_server_that_goes_away_is_told() {
+    fn a_server_that_goes_away_is_reported() {
         let (address, _) = server(|mut stream| stream.write_all(b"hello\n").unwrap());
         let mut dashboard = Dashboard::connect(address, SOON).unwrap();
         let refused = (0..3).map(|_| dashboard.ask("robotmode")).find_map(Result::err).unwrap();

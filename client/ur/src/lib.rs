@@ -12,5 +12,17 @@ pub mod dashboard;
 pub mod series;
 pub mod bridge;
 
+use std::net::{SocketAddr, TcpStream};
+use std::time::Duration;
+
+/// A connection to a controller, made within `patience`, whose writes wait no longer than that.
+fn connect(address: SocketAddr, patience: Duration) -> std::io::Result<TcpStream> {
+    let stream = TcpStream::connect_timeout(&address, patience)?;
+    stream.set_nodelay(true)?;
+    stream.set_write_timeout(Some(patience))?;
+    Ok(stream)
+}
+
 #[cfg(test)]
+#[path = "tests/fuzz.rs"]
 mod fuzz;

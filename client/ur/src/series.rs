@@ -2,7 +2,6 @@
 
 use serde::Serialize;
 
-/// A series.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub enum Series {
     /// CB3: PolyScope 3, 125 Hz.
@@ -24,10 +23,7 @@ impl Series {
     /// Control cycle \[s\].
     #[must_use]
     pub const fn cycle_s(self) -> f64 {
-        match self {
-            Self::Cb3 => 0.008,
-            Self::E => 0.002,
-        }
+        1.0 / self.rate_hz() as f64
     }
 }
 

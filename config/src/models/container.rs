@@ -38,12 +38,9 @@ pub struct Tensor<'a> {
     pub data: &'a [u8],
 }
 
-/// A file's content.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Container<'a> {
-    /// Text by key.
     pub metadata: BTreeMap<String, String>,
-    /// By name.
     pub tensors: BTreeMap<String, Tensor<'a>>,
 }
 

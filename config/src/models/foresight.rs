@@ -20,12 +20,10 @@ pub(super) const KIND: &str = "foresight";
 /// Metadata with a meaning.
 const KEYS: [&str; 4] = ["kind", "input_scale", "step_ns", "block"];
 
-/// A loaded network.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ForesightModel {
     /// The file, or the name of the shipped model: for messages.
     pub file: String,
-    /// Checked weights.
     pub weights: Arc<ForesightWeights>,
     /// Metadata without meaning here: provenance, licence, citation.
     pub notes: BTreeMap<String, String>,
@@ -66,7 +64,7 @@ impl ForesightModel {
     /// See [`ModelError`].
     pub fn parse(file: &str, bytes: &[u8]) -> Result<Self, ModelError> {
         let container = Container::read(file, bytes)?;
-        let reader = Reader { file, container: &container };
+        let reader = ForesightFile { file, container: &container };
         let kind = reader.text("kind")?;
         if kind != KIND {
             return Err(reader.wrong("kind", kind, "\"foresight\""));
@@ -131,12 +129,12 @@ fn needed() -> String {
 }
 
 /// A file being checked.
-struct Reader<'a> {
+struct ForesightFile<'a> {
     file: &'a str,
     container: &'a Container<'a>,
 }
 
-impl Reader<'_> {
+impl ForesightFile<'_> {
     fn text(&self, key: &'static str) -> Result<&str, ModelError> {
         let text = self.container.metadata.get(key).map(String::as_str);
         text.ok_or_else(|| ModelError::NoForesight { file: self.file.to_owned(), key })

@@ -26,12 +26,10 @@ pub struct Assumed {
     pub step_ns: Option<u64>,
 }
 
-/// A loaded LSTM.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LstmModel {
     /// The file, or the name of the shipped model: for messages.
     pub file: String,
-    /// Checked weights.
     pub weights: Arc<LstmWeights>,
     /// Metadata without meaning here: provenance, licence, citation.
     pub notes: BTreeMap<String, String>,
@@ -81,7 +79,7 @@ impl LstmModel {
     /// See [`ModelError`].
     pub fn parse(file: &str, bytes: &[u8], assumed: Assumed) -> Result<Self, ModelError> {
         let container = Container::read(file, bytes)?;
-        let reader = Reader { file, container: &container };
+        let reader = LstmFile { file, container: &container };
         let spec = reader.spec(assumed)?;
         let weights = LstmWeights::new(spec, reader.tensors(&spec)?);
         let weights = weights.map_err(|why| ModelError::Refused { file: file.to_owned(), why })?;
@@ -176,12 +174,12 @@ fn needed() -> String {
 }
 
 /// A file being checked.
-struct Reader<'a> {
+struct LstmFile<'a> {
     file: &'a str,
     container: &'a Container<'a>,
 }
 
-impl Reader<'_> {
+impl LstmFile<'_> {
     fn spec(&self, assumed: Assumed) -> Result<LstmSpec, ModelError> {
         let slip = |key: &&String| {
             KEYS.into_iter()

@@ -1,6 +1,6 @@
 //! Trained networks: safetensors files in, [`LstmWeights`](foretrace_control::predict::LstmWeights) out, and
 //! back. And the weights from which refinement starts: a TOML file in,
-//! [`RefinePrior`](foretrace_control::predict::refine::RefinePrior) out.
+//! [`RefinePrior`](foretrace_control::estimate::refine::RefinePrior) out.
 //!
 //! Contract: what is loaded is complete, of the right sizes, finite and bounded, or the error names file,
 //! tensor, what was found, what is needed and what to do. No file content panics or takes more memory than

@@ -1,13 +1,13 @@
 //! Where refinement starts: coefficients from a TOML file, [`RefinePrior`] out.
 //!
 //! Contract: what is loaded is complete, has no unknown key, and every number is finite and bounded, or the
-//! error names file, place, what was found and what is legal. No file content panics, and no more than
+//! error names file, key, what was found and what is legal. No file content panics, and no more than
 //! [`MAX_BYTES`] of a file are read. The format is explained at the top of the shipped file,
 //! `config/models/refine-prior.toml`; what its numbers are, in the card beside it.
 
 use std::path::Path;
 
-use foretrace_control::predict::refine::{CURVE_PARTS, Curve, CurvePart, Curves, RefinePrior, Shape};
+use foretrace_control::estimate::refine::{CURVE_PARTS, Curve, CurvePart, CurveShape, Curves, RefinePrior};
 use serde::Deserialize;
 
 use super::problem::ModelError;
@@ -23,13 +23,11 @@ const LONGEST: usize = 200;
 pub struct ShippedPrior {
     /// Its name in settings.
     pub name: &'static str,
-    /// The TOML file.
     pub text: &'static str,
     /// The model card, Markdown.
     pub card: &'static str,
 }
 
-/// The only one.
 pub const SHIPPED_PRIOR: ShippedPrior = ShippedPrior {
     name: "refine-prior",
     text: include_str!("../../models/refine-prior.toml"),
@@ -70,32 +68,32 @@ pub fn parse_prior(file: &str, bytes: &[u8]) -> Result<RefinePrior, ModelError> 
     if bytes.len() as u64 > MAX_BYTES {
         return Err(wrong(format!("it is longer than {MAX_BYTES} bytes")));
     }
-    let text = std::str::from_utf8(bytes).map_err(|error| wrong(format!("it is no text ({error})")))?;
-    let read: Coefficients = toml::from_str(text).map_err(|error| wrong(told(text, &error)))?;
+    let text = std::str::from_utf8(bytes).map_err(|error| wrong(format!("it is not text ({error})")))?;
+    let read: Coefficients = toml::from_str(text).map_err(|error| wrong(parser_message(text, &error)))?;
     let prior = RefinePrior { coarse: read.coarse.into(), clean: read.clean.into() };
     prior.validate().map_err(|why| ModelError::PriorRefused { file: file.to_owned(), why })?;
     Ok(prior)
 }
 
 /// The parser's message, with the line.
-fn told(text: &str, error: &toml::de::Error) -> String {
+fn parser_message(text: &str, error: &toml::de::Error) -> String {
     let start = error.span().map_or(0, |span| span.start);
     let line = 1 + text.bytes().take(start).filter(|byte| *byte == b'\n').count();
-    let said = error.message().split_whitespace().collect::<Vec<_>>().join(" ");
-    format!("line {line}: {}", said.chars().take(LONGEST).collect::<String>())
+    let message = error.message().split_whitespace().collect::<Vec<_>>().join(" ");
+    format!("line {line}: {}", message.chars().take(LONGEST).collect::<String>())
 }
 
 /// The file as written.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Coefficients {
-    coarse: Terms,
-    clean: Terms,
+    coarse: PriorTerms,
+    clean: PriorTerms,
 }
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Terms {
+struct PriorTerms {
     left: Term,
     innovation: Term,
     velocity: Term,
@@ -141,10 +139,10 @@ fn few<'de, D: serde::Deserializer<'de>>(source: D) -> Result<[Option<CurvePart>
 impl From<Part> for CurvePart {
     fn from(part: Part) -> Self {
         let shape = match part.shape {
-            Word::Fading => Shape::Fading,
-            Word::Growing => Shape::Growing,
-            Word::Falling => Shape::Falling,
-            Word::Rising => Shape::Rising,
+            Word::Fading => CurveShape::Fading,
+            Word::Growing => CurveShape::Growing,
+            Word::Falling => CurveShape::Falling,
+            Word::Rising => CurveShape::Rising,
         };
         Self { amplitude: part.amplitude, shape, reach_steps: part.reach_steps }
     }
@@ -156,8 +154,8 @@ impl From<Term> for Curve {
     }
 }
 
-impl From<Terms> for Curves {
-    fn from(terms: Terms) -> Self {
+impl From<PriorTerms> for Curves {
+    fn from(terms: PriorTerms) -> Self {
         Self {
             left: terms.left.into(),
             innovation: terms.innovation.into(),

@@ -1,9 +1,9 @@
-//! What can be wrong with a model file: one variant per bound that can be broken, each with file, place and
-//! remedy.
+//! What can be wrong with a model file: one variant per bound that can be broken, each with file, tensor or
+//! key, and remedy.
 
+use foretrace_control::estimate::refine::PriorError;
 use foretrace_control::predict::LstmError;
 use foretrace_control::predict::models::foresight::ForesightError;
-use foretrace_control::predict::refine::PriorError;
 
 /// Why a model was not loaded or saved.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -12,13 +12,10 @@ pub enum ModelError {
     /// The operating system refused.
     #[error("{file}: cannot be {what} ({why}): {remedy}")]
     File {
-        /// The file.
         file: String,
-        /// "read" or "written".
         what: &'static str,
-        /// What the operating system said.
+        /// The operating system's reason.
         why: String,
-        /// What to do.
         remedy: String,
     },
     /// Not in the safetensors format.
@@ -27,7 +24,6 @@ pub enum ModelError {
          `foretrace lab train`"
     )]
     Format {
-        /// The file.
         file: String,
         /// What is broken, with byte positions.
         what: String,
@@ -38,9 +34,7 @@ pub enum ModelError {
          ({needed})"
     )]
     Missing {
-        /// The file.
         file: String,
-        /// Its name.
         tensor: &'static str,
         /// The names that are there.
         found: String,
@@ -53,9 +47,7 @@ pub enum ModelError {
          `extra.`"
     )]
     Unknown {
-        /// The file.
         file: String,
-        /// Its name.
         tensor: String,
         /// The names that are needed.
         needed: String,
@@ -65,32 +57,20 @@ pub enum ModelError {
         "{file}: tensor {tensor} is of dtype {found}, legal are F32 and F64: convert it with `.float()` \
          before saving"
     )]
-    DType {
-        /// The file.
-        file: String,
-        /// Its name.
-        tensor: String,
-        /// As written.
-        found: String,
-    },
+    DType { file: String, tensor: String, found: String },
     /// A tensor of another shape.
     #[error("{file}: tensor {tensor} has shape {found:?}, needed is {wanted}: {remedy}")]
     Shape {
-        /// The file.
         file: String,
-        /// Its name.
         tensor: String,
-        /// As written.
         found: Vec<usize>,
         /// What fits, and where that comes from.
         wanted: String,
-        /// What to do.
         remedy: &'static str,
     },
     /// The network that sees contact, direction and time, and must not reach the loop.
     #[error("{file}: {why}")]
     RefusedForesight {
-        /// The file.
         file: String,
         /// The bound that is broken.
         why: ForesightError,
@@ -100,47 +80,26 @@ pub enum ModelError {
         "{file}: metadata key `{key}` is missing: take a network that `foretrace lab train --model foresight` \
          made"
     )]
-    NoForesight {
-        /// The file.
-        file: String,
-        /// The key.
-        key: &'static str,
-    },
+    NoForesight { file: String, key: &'static str },
     /// Metadata that must be there.
     #[error(
         "{file}: metadata key `{key}` is missing: save the model with \
          metadata={{\"input_scale\": \"10.13\", \"step_ns\": \"5000000\"}} \
          (RMS and step in ns of the displacements it was trained on)"
     )]
-    MissingKey {
-        /// The file.
-        file: String,
-        /// The key.
-        key: &'static str,
-    },
+    MissingKey { file: String, key: &'static str },
     /// Metadata that cannot be read.
     #[error(
         "{file}: metadata key `{key}` = {value:?} cannot be read, legal is {legal}: correct it and save again"
     )]
-    Key {
-        /// The file.
-        file: String,
-        /// The key.
-        key: &'static str,
-        /// As written.
-        value: String,
-        /// What is legal.
-        legal: &'static str,
-    },
+    Key { file: String, key: &'static str, value: String, legal: &'static str },
     /// Metadata whose key is close to a known one.
     #[error(
         "{file}: metadata key `{key}` is unknown but looks like `{meant}`: correct it, or name the note \
          otherwise"
     )]
     Slip {
-        /// The file.
         file: String,
-        /// As written.
         key: String,
         /// The key it looks like.
         meant: &'static str,
@@ -148,7 +107,6 @@ pub enum ModelError {
     /// The network itself was refused: a size, a NaN, another loop.
     #[error("{file}: {why}")]
     Refused {
-        /// The file.
         file: String,
         /// By the control law.
         why: LstmError,
@@ -158,7 +116,6 @@ pub enum ModelError {
         "{file}: not where refinement can start, {what}: take config/models/refine-prior.toml as a pattern"
     )]
     Prior {
-        /// The file.
         file: String,
         /// What is wrong, with the line.
         what: String,
@@ -166,7 +123,6 @@ pub enum ModelError {
     /// Coefficients that the control law does not take.
     #[error("{file}: {why}")]
     PriorRefused {
-        /// The file.
         file: String,
         /// By the control law.
         why: PriorError,
@@ -175,10 +131,5 @@ pub enum ModelError {
     #[error(
         "{name:?} is neither a shipped model ({known}) nor a file: name one of them, or a .safetensors file"
     )]
-    NoSuchModel {
-        /// As asked for.
-        name: String,
-        /// The shipped ones.
-        known: String,
-    },
+    NoSuchModel { name: String, known: String },
 }

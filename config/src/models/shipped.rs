@@ -3,12 +3,10 @@
 use super::lstm::{Assumed, LstmModel};
 use super::problem::ModelError;
 
-/// One shipped model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Shipped {
     /// Its name in settings.
     pub name: &'static str,
-    /// The safetensors file.
     pub bytes: &'static [u8],
     /// The model card, Markdown.
     pub card: &'static str,
@@ -24,7 +22,6 @@ macro_rules! shipped {
     };
 }
 
-/// All of them.
 const MODELS: &[Shipped] = &shipped![
     "lstm10-reference",
     "lstm10",
@@ -48,7 +45,6 @@ impl Shipped {
         LstmModel::parse(self.name, self.bytes, Assumed::default())
     }
 
-    /// Every shipped model.
     #[must_use]
     pub const fn all() -> &'static [Self] {
         MODELS

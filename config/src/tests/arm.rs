@@ -6,7 +6,7 @@ use nalgebra::Vector3;
 use super::over_ur5;
 use crate::{Config, presets};
 
-/// The preset's pen, said again for a description of one's own.
+/// The preset's pen, written again for a description of one's own.
 const TOOL: &str = "tool_m = [0.0, 0.0, 0.15]\n";
 
 /// The UR5 preset with a URDF of its own next to the settings file.
@@ -106,8 +106,9 @@ fn consumers_brake_after_the_valid_periods_at_the_configured_deceleration() {
     assert!(text.contains("`robot.stale_deceleration_radps2`"), "{text}");
     // A lower acceleration alone: the preset's braking would be more than the arm may.
     let text = over_ur5("[robot]\nacceleration_radps2 = [5, 5, 5, 5, 5, 5]\n").unwrap_err().to_string();
-    for said in ["`robot.stale_deceleration_radps2`", "really brakes", "at most robot.acceleration_radps2"] {
-        assert!(text.contains(said), "{said}: {text}");
+    for wanted in ["`robot.stale_deceleration_radps2`", "really brakes", "at most robot.acceleration_radps2"]
+    {
+        assert!(text.contains(wanted), "{wanted}: {text}");
     }
 }
 
@@ -309,7 +310,7 @@ fn a_home_where_the_arm_can_never_be_armed_is_refused() {
 }
 
 #[test]
-fn a_pen_presses_no_deeper_than_the_workspace_and_is_told_how_deep_that_must_be() {
+fn a_pen_presses_no_deeper_than_the_workspace_and_the_message_says_how_deep_that_must_be() {
     let deep = "[plane]\npress_m = 0.001\n";
     let text = over_ur5(deep).unwrap_err().to_string();
     assert!(text.contains("key `plane.press_m`") && text.contains("0.0005 m below it"), "{text}");

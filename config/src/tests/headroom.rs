@@ -1,4 +1,4 @@
-//! What the joints' effort leaves: against the figures of others, and what people are told.
+//! What the joints' effort leaves: against the figures of others, and what is reported of it.
 
 use super::arm::with_urdf;
 use crate::{Config, Draft, Headroom, presets};
@@ -53,10 +53,10 @@ fn shipped_settings_with_a_pen_are_noted_and_not_warned_of() {
             assert_eq!(config.remarks(), Vec::<String>::new());
             let notes = of_torque(&config);
             assert!(notes.len() == 1, "{notes:?}");
-            for said in
+            for wanted in
                 ["robot.acceleration_radps2 = 40 of joint `shoulder_lift_joint`", "m of the plane", "poses"]
             {
-                assert!(notes.iter().all(|note| note.contains(said)), "{said}: {notes:?}");
+                assert!(notes.iter().all(|note| note.contains(wanted)), "{wanted}: {notes:?}");
             }
         }
     }
@@ -105,7 +105,7 @@ fn a_description_without_masses_is_noted_and_still_followed() {
 }
 
 #[test]
-fn friction_of_the_description_counts_and_an_arm_too_weak_to_hold_itself_is_told() {
+fn friction_of_the_description_counts_and_an_arm_too_weak_to_hold_itself_is_reported() {
     let urdf = presets::robot("ur5").unwrap();
     let damped = urdf.replace("<axis ", "<dynamics friction=\"8\" damping=\"2\"/><axis ");
     let room = with_urdf(&damped, "").unwrap().headroom().unwrap();

@@ -84,6 +84,6 @@ fn deep_nesting_is_refused_without_exhausting_the_stack() {
     assert!(over_ur5(&format!("{dotted} = 1")).is_err());
     assert!(over_ur5(&format!("[{dotted}]")).is_err());
     assert!(over_ur5(&"[[a.b]]\n".repeat(most / 8)).is_err());
-    let told = over_ur5(&"\n".repeat(LONGEST_SETTINGS as usize)).unwrap_err().to_string();
-    assert!(told.contains("1048576 are the most that are read"), "{told}");
+    let message = over_ur5(&"\n".repeat(LONGEST_SETTINGS as usize)).unwrap_err().to_string();
+    assert!(message.contains("1048576 are the most that are read"), "{message}");
 }

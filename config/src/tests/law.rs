@@ -203,12 +203,12 @@ fn shipped_networks_are_taken_for_the_step_that_they_were_made_for() {
 }
 
 #[test]
-fn nobody_loses_the_network_of_the_mixture_without_being_told() {
+fn nobody_loses_the_network_of_the_mixture_without_a_remark() {
     let remarks = |text: &str| over_ur5(text).unwrap().remarks();
     assert_eq!(remarks(""), Vec::<String>::new());
-    let told = remarks("[loop]\nrate_hz = 1000\n[pen]\nstep_ms = 6\n[mpc]\nstep_ms = 2.5\n");
-    assert_eq!(told.len(), 1, "{told:?}");
-    assert!(told.iter().all(|r| r.contains("pen.step_ms = 6 ") && r.contains("5, 8, 10 ms")), "{told:?}");
+    let found = remarks("[loop]\nrate_hz = 1000\n[pen]\nstep_ms = 6\n[mpc]\nstep_ms = 2.5\n");
+    assert_eq!(found.len(), 1, "{found:?}");
+    assert!(found.iter().all(|r| r.contains("pen.step_ms = 6 ") && r.contains("5, 8, 10 ms")), "{found:?}");
     // Switched off in the settings, or another predictor: no remark.
     for text in ["[predictor.mixture]\nnetwork = \"none\"\n", "[predictor]\nkind = \"dybm\"\n"] {
         let quiet =
@@ -218,10 +218,13 @@ fn nobody_loses_the_network_of_the_mixture_without_being_told() {
 }
 
 #[test]
-fn what_a_slow_loop_costs_and_limits_that_do_not_count_are_told() {
+fn what_a_slow_loop_costs_and_limits_that_do_not_count_are_reported() {
     let remarks = |text: &str| over_ur5(text).unwrap().remarks();
     let slow = remarks("[loop]\nrate_hz = 125\n[pen]\nstep_ms = 8\n");
-    assert!(slow.iter().any(|told| told.contains("loop.rate_hz = 125") && told.contains("8 ms")), "{slow:?}");
+    assert!(
+        slow.iter().any(|remark| remark.contains("loop.rate_hz = 125") && remark.contains("8 ms")),
+        "{slow:?}"
+    );
     let notes = |text: &str| over_ur5(text).unwrap().notes();
     let fast = notes("[mpc.limits.z]\nvelocity_mps = 0.5\n[mpc.limits.x]\nvelocity_mps = 2.0\n");
     let lowered: Vec<_> = fast.iter().filter(|note| note.starts_with("mpc.limits are lowered")).collect();

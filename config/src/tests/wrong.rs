@@ -1,6 +1,7 @@
 //! Files with a mistake, and the message about each.
 
 use super::{over_ur5, problems};
+use crate::problem::ProblemKind;
 use crate::{Config, Problem};
 
 /// The one message about `text` placed under the UR5 preset.
@@ -27,7 +28,7 @@ fn unknown_key_suggests_the_nearest() {
 }
 
 #[test]
-fn key_in_the_wrong_section_is_told_its_place() {
+fn key_in_the_wrong_section_is_shown_the_right_one() {
     let text = message("[plane]\nmax_speed_mps = 3\n");
     assert!(text.contains("`pen.max_speed_mps`"), "{text}");
     let text = message("rate_hz = 500\n");
@@ -43,7 +44,7 @@ fn unknown_section_suggests_the_nearest_and_is_reported_once() {
 }
 
 #[test]
-fn key_with_another_unit_is_told_which_unit_counts() {
+fn key_with_another_unit_is_shown_which_unit_counts() {
     let text = message("[plane]\nlift_height_mm = 20\n");
     assert!(
         text.contains("did you mean `plane.lift_height_m`? It takes the unit m; convert the value"),
@@ -84,8 +85,8 @@ fn wrong_types_say_what_was_found_and_what_is_taken() {
         ("[loop.rate_hz]\na = 1\n", "is a section", "a whole number"),
         ("loop = 5\n", "is a whole number", "a section"),
     ] {
-        let said = message(text);
-        assert!(said.contains(found) && said.contains(wanted), "{text} -> {said}");
+        let message = message(text);
+        assert!(message.contains(found) && message.contains(wanted), "{text} -> {message}");
     }
 }
 
@@ -116,7 +117,7 @@ fn wrong_word_suggests_the_nearest() {
 fn all_problems_are_reported_in_the_order_of_the_file() {
     let found =
         problems("[loop]\nspin_us = -1\nspinn_us = 3\n[mpc]\neffort = nan\n[predictor]\nkind = \"x\"\n");
-    let lines: Vec<String> = found.iter().map(|problem| problem.place().to_string()).collect();
+    let lines: Vec<String> = found.iter().map(|problem| problem.origin.to_string()).collect();
     assert_eq!(lines, ["table.toml:3", "table.toml:4", "table.toml:6", "table.toml:8"]);
 }
 
@@ -174,7 +175,10 @@ fn a_key_given_twice_is_a_syntax_error() {
 
 #[test]
 fn a_quoted_name_with_a_dot_is_not_a_path() {
-    assert!(matches!(&problems("\"loop.rate_hz\" = 500\n")[..], [Problem::UnknownKey { .. }]));
+    assert!(matches!(
+        &problems("\"loop.rate_hz\" = 500\n")[..],
+        [Problem { kind: ProblemKind::UnknownKey { .. }, .. }]
+    ));
 }
 
 #[test]

@@ -9,8 +9,8 @@ use crate::forging::read_forged;
 /// As much as a check of settings has.
 const MIB: u64 = 512;
 
-fn is_a_sentence(told: &str) {
-    assert!(!told.is_empty() && told.len() < 20_000, "{} bytes: {told:.300}", told.len());
+fn is_a_sentence(message: &str) {
+    assert!(!message.is_empty() && message.len() < 20_000, "{} bytes: {message:.300}", message.len());
 }
 
 #[test]
@@ -43,11 +43,11 @@ fn forged_networks_and_priors_are_refused_with_a_sentence() {
     seeds.extend(seeds.clone().iter().map(|bytes| bytes[..bytes.len().min(3000)].to_vec()));
     seeds.push(SHIPPED_PRIOR.text.into());
     read_forged("forged::forged_networks_and_priors_are_refused_with_a_sentence", MIB, &seeds, |bytes| {
-        let told = [
+        let message = [
             LstmModel::parse("a", bytes, Assumed::default()).err(),
             ForesightModel::parse("a", bytes).err(),
             parse_prior("a", bytes).err(),
         ];
-        told.into_iter().flatten().for_each(|error| is_a_sentence(&error.to_string()));
+        message.into_iter().flatten().for_each(|error| is_a_sentence(&error.to_string()));
     });
 }

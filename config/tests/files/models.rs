@@ -236,7 +236,7 @@ fn wrong_dtypes_are_named() {
 }
 
 #[test]
-fn poisoned_numbers_are_named_with_their_place() {
+fn poisoned_numbers_are_named_with_their_position() {
     let poisoned =
         |value: f64| changed(|_, tensors| tensors.get_mut("lstm.bias_ih_l0").unwrap().1[17] = value);
     for (value, written) in [(f64::NAN, "NaN"), (f64::INFINITY, "inf"), (2000.0, "2000")] {
@@ -292,7 +292,7 @@ fn missing_and_wrong_metadata_is_named() {
 }
 
 #[test]
-fn damaged_containers_are_refused_with_the_place() {
+fn damaged_containers_are_refused_with_the_position() {
     let refused = |bytes: &[u8]| Container::read("x", bytes).unwrap_err().to_string();
     let with_header = |header: &str, data: usize| {
         let mut bytes = (header.len() as u64).to_le_bytes().to_vec();

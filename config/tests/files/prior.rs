@@ -3,7 +3,7 @@
 
 use foretrace_config::models::{SHIPPED_PRIOR, find_prior, parse_prior};
 use foretrace_config::{Config, ConfigError};
-use foretrace_control::predict::refine::RefinePrior;
+use foretrace_control::estimate::refine::RefinePrior;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
@@ -45,7 +45,7 @@ fn its_card_says_what_it_is_made_of_and_what_is_not_known() {
 }
 
 #[test]
-fn numbers_out_of_bounds_are_named_with_place_value_and_bounds() {
+fn numbers_out_of_bounds_are_named_with_key_value_and_bounds() {
     let of = |old: &str, new: &str| refused(changed(old, new));
     assert_eq!(
         of("base = -0.6", "base = nan"),
@@ -65,15 +65,15 @@ fn numbers_out_of_bounds_are_named_with_place_value_and_bounds() {
          1000"
     );
     for bad in ["-inf", "+inf", "-1.5", "1001.0", "nan"] {
-        let told = of("reach_steps = 9.0", &format!("reach_steps = {bad}"));
-        assert!(told.contains("clean.velocity: reach_steps = "), "{bad}: {told}");
+        let message = of("reach_steps = 9.0", &format!("reach_steps = {bad}"));
+        assert!(message.contains("clean.velocity: reach_steps = "), "{bad}: {message}");
     }
 }
 
 #[test]
-fn missing_and_unknown_keys_words_and_kinds_are_told_with_their_line() {
+fn missing_and_unknown_keys_words_and_kinds_are_named_with_their_line() {
     let line = 1 + SHIPPED_PRIOR.text.lines().position(|line| line.starts_with("innovation")).unwrap();
-    for (old, new, told) in [
+    for (old, new, message) in [
         ("innovation = { base = 0.0, parts", "innovation = { parts", "missing field `base`"),
         ("innovation = { base = 0.0, parts", "innovation = { base = 0.0, parst", "unknown field `parst`"),
         ("innovation = { base = 0.0", "innovation = { base = 0.0, gain = 1.0", "unknown field `gain`"),
@@ -93,12 +93,15 @@ fn missing_and_unknown_keys_words_and_kinds_are_told_with_their_line() {
             error.starts_with(&format!("mine.toml: not where refinement can start, line {line}: ")),
             "{error}"
         );
-        assert!(error.contains(told) && error.ends_with("refine-prior.toml as a pattern"), "{told}: {error}");
+        assert!(
+            error.contains(message) && error.ends_with("refine-prior.toml as a pattern"),
+            "{message}: {error}"
+        );
     }
     let whole = [("[clean]", "[celan]", "unknown field `celan`"), ("[coarse.acceleration]", "[clean.x]", "")];
-    for (old, new, told) in whole {
+    for (old, new, message) in whole {
         let error = refused(changed(old, new));
-        assert!(error.contains(told) && error.contains("not where refinement can start"), "{error}");
+        assert!(error.contains(message) && error.contains("not where refinement can start"), "{error}");
     }
     let part = "{ amplitude = -0.9, shape = \"fading\", reach_steps = 0.6 },";
     let crowded = refused(changed(part, &part.repeat(2)));
@@ -107,16 +110,16 @@ fn missing_and_unknown_keys_words_and_kinds_are_told_with_their_line() {
 
 #[test]
 fn what_is_no_such_file_at_all_is_refused_in_few_words() {
-    for (bytes, told) in [
+    for (bytes, message) in [
         (vec![], "missing field `coarse`"),
-        (vec![0xff; 10], "it is no text"),
+        (vec![0xff; 10], "it is not text"),
         (vec![b' '; 40_000], "it is longer than 32768 bytes"),
         (format!("{} = 1", "a".repeat(30_000)).into_bytes(), "unknown field `aaa"),
         (format!("coarse = {}", "[".repeat(30_000)).into_bytes(), "line 1"),
         (vec!["a"; 10_000].join(".").into_bytes(), "line 1"),
     ] {
         let error = refused(&bytes);
-        assert!(error.contains(told) && error.len() < 500, "{told}: {error}");
+        assert!(error.contains(message) && error.len() < 500, "{message}: {error}");
     }
     let error = find_prior("/nowhere/prior.toml").unwrap_err().to_string();
     assert!(
@@ -167,8 +170,8 @@ fn damaged_files_never_panic_and_never_give_weights_without_bounds() {
                 );
             }
             Err(error) => {
-                let told = error.to_string();
-                assert!(told.starts_with("fuzz: ") && told.len() < 1000, "case {case}: {told}");
+                let message = error.to_string();
+                assert!(message.starts_with("fuzz: ") && message.len() < 1000, "case {case}: {message}");
             }
         }
     }

@@ -103,7 +103,7 @@ fn mutate_urdf(random: &mut Pcg64, urdf: &str) -> Vec<u8> {
                 bytes.splice(at..at, piece);
             }
             _ => {
-                // A digit, so that the numbers are reached: another one, or what is no number.
+                // A digit, so that the numbers are reached: another one, or what is not a number.
                 let Some(digit) = bytes[at..].iter().position(u8::is_ascii_digit) else { continue };
                 let words: [&[u8]; 8] = [b"0", b"9", b"-1", b"1e9", b"nan", b"inf", b"", b"1e-300"];
                 bytes.splice(at + digit..=at + digit, words[random.random_range(0..8)].iter().copied());

@@ -7,7 +7,7 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use foretrace_control::arm::lag::LagEstimate;
-use foretrace_control::monitor::{Known, Monitor, TrackingSettings};
+use foretrace_control::monitor::{ArmKnowledge, Monitor, TrackingSettings};
 use foretrace_control::units::Stamp;
 
 const TICKS: u64 = 500_000;
@@ -31,7 +31,7 @@ fn main() {
             let late = path.get((tick as usize).saturating_sub(18)).unwrap_or(q);
             let then = Instant::now();
             let stamp = Stamp(BEGIN_NS + tick * TICK_NS);
-            let known = Known { lag, response: None };
+            let known = ArmKnowledge { lag, response: None };
             let wrong = monitor.measured(stamp, black_box(late), &known, |q| [q[0], q[1], q[2]]);
             assert!(wrong.is_none(), "{wrong:?}");
             monitor.commanded(stamp.plus_ns(TICK_NS), black_box(q), &[q[0], q[1], q[2]]);

@@ -71,16 +71,16 @@ impl ExtentBounds {
     }
 }
 
-/// A violated bound.
+/// A bound that the tool has violated.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Breach {
-    /// Which.
+    /// Name of the number, as in the message.
     pub what: &'static str,
-    /// Observed value.
+    /// The value that was observed.
     pub amount: f64,
-    /// Allowed value.
+    /// The bound that it violates.
     pub limit: f64,
-    /// Unit of both.
+    /// Unit of both values, as in the message.
     pub unit: &'static str,
 }
 
@@ -109,7 +109,7 @@ impl<const J: usize> ExtentWatch<J> {
         Self { chain: settings.chain.clone(), plane: settings.plane, workspace: [x, y], extent: None }
     }
 
-    /// Forgets all observations.
+    /// Forgets all observations, not the bounds.
     pub fn restart(&mut self) {
         self.extent = None;
     }

@@ -7,10 +7,39 @@
 //! # One tick
 //!
 //! [`follower::Follower::step`] reads as the list of its stages: *watch* and *monitor* (is the arm where it
-//! was commanded to be?), *pen* (samples onto the grid), *skill* (how good past previews were), *predict* and
-//! *refine* (by samples newer than the grid), *trust* (how much of the preview to use), *reference*, *plan*
-//! ([`mpc`]), *solve* ([`ik`] with the rows of [`clearance`] and [`envelope`]), *guard* (and the envelope's
-//! judge), *take stock* (the tick's results, for lag, monitor and the next tick), *report*.
+//! was commanded to be?), *pen* (samples onto the grid), *predict*, *estimate* (how good past previews were,
+//! and what samples newer than the grid change), *trust* (how much of the preview to use), *reference*,
+//! *plan* ([`mpc`]), *solve* ([`ik`] with the rows of [`clearance`] and [`envelope`]), *guard* (and the
+//! envelope's judge), *record* (what the tick came to, for the next one), *report*.
+//!
+//! ```
+//! # include!(concat!(env!("CARGO_MANIFEST_DIR"), "/examples/ur5/settings.in"));
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! use foretrace_control::follower::{Budget, Follower, JointReading, NoClock, Request, StepInput};
+//! use foretrace_control::pen::PenReading;
+//! use foretrace_control::predict::{ModelSettings, Networks};
+//! use foretrace_control::units::Stamp;
+//!
+//! // A UR5 above a table, at 500 Hz: `daemon/control/examples/ur5/settings.in`. Its horizon is 10 steps.
+//! let models = Models::new(ModelSettings::preset(STEP_NS), Networks::default())?;
+//! let mut follower = Follower::<10, 6>::new(settings(PredictorKind::MIXTURE, models))?;
+//! let mut arm = JointReading { stamp: Stamp(0), q: HOME, qd: [0.0; 6], motion_allowed: true };
+//! for tick in 1..500 {
+//!     let now = Stamp(tick * PERIOD_NS);
+//!     // The hand draws a line at 40 mm/s; the arm is where it was commanded to be.
+//!     let pen = [PenReading::new(now, [8e-5 * tick as f64, 0.0], true)];
+//!     let joints = JointReading { stamp: now, ..arm };
+//!     let request = (tick == 1).then_some(Request::Arm);
+//!     let input = StepInput { pen: &pen, joints: Some(&joints), request, ..StepInput::nothing(now) };
+//!     let output = follower.step(&input, Budget::default(), &mut NoClock);
+//!     let Some(command) = output.command else { continue };
+//!     (arm.q, arm.qd) = (command.q, command.qd);
+//!     println!("{:?} -> tool at {:?} m, trust {}", command.q, output.tool, output.trust.alpha.alpha());
+//! }
+//! # assert!(arm.q.iter().zip(&HOME).any(|(q, home)| (q - home).abs() > 0.01), "it has moved");
+//! # Ok(())
+//! # }
+//! ```
 //!
 //! # The two problems
 //!
@@ -35,7 +64,7 @@
 //! # Glossary
 //!
 //! - α, *trust*: how much of the preview the plan follows, in \[0, 1\]; it moves by a ramp only ([`trust`]).
-//! - *share* w: trust per lead, from how good past previews were there ([`skill`]).
+//! - *share* w: trust per lead, from how good past previews were there ([`estimate`]).
 //! - *grid*, Δ: the uniform steps (10 ms) onto which pen samples are interpolated; *tick*, dt: the period of
 //!   the loop (2 ms).
 //! - *lead*: grid steps from the newest closed one to a prediction. *Preview*: predictions at all leads.
@@ -72,6 +101,7 @@
 )]
 
 pub mod state;
+mod history;
 pub mod units;
 pub mod plane;
 pub mod geometry;
@@ -79,7 +109,7 @@ pub mod stop;
 pub mod pen;
 pub mod predict;
 pub mod learn;
-pub mod skill;
+pub mod estimate;
 pub mod trust;
 mod reference;
 pub mod arm;

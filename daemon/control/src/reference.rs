@@ -2,7 +2,7 @@
 //!
 //! Contract: no memory; positions in the plane frame \[m\].
 
-use crate::predict::refine::Preview;
+use crate::estimate::refine::RefinedPreview;
 use crate::units::{AxisState, Stamp};
 
 /// Half-width of the mean velocity by which references lead \[steps\]: differences of neighbouring
@@ -15,31 +15,46 @@ const VELOCITY_STEPS: f64 = 3.5;
 pub(crate) struct Reference {
     /// Lead of the references, in steps of the predicted velocity.
     velocity_lead: f64,
+    plan_step_s: f64,
 }
 
 impl Reference {
-    /// References advanced by `lead_ns` of the predicted velocity, in grid steps of `step_ns`. Badly
-    /// predicted motion is predicted late on average; advancing by the predicted velocity removes that lag
-    /// with the least added error.
-    pub(crate) fn leading(step_ns: u64, lead_ns: u64) -> Self {
-        Self { velocity_lead: lead_ns as f64 / step_ns as f64 }
+    /// References `plan_step_s` \[s\] apart, advanced by `lead_ns` of the predicted velocity, in grid steps
+    /// of `step_ns`. Badly predicted motion is predicted late on average; advancing by the predicted velocity
+    /// removes that lag with the least added error.
+    pub(crate) fn leading(step_ns: u64, lead_ns: u64, plan_step_s: f64) -> Self {
+        Self { velocity_lead: lead_ns as f64 / step_ns as f64, plan_step_s }
     }
 
-    /// References at `now` + `ahead_ns` + i·`plan_step_s`, i = 1..N, for the plane's x and y.
+    /// The references of a tick: where the preview has the pen, or at rest at `resting_at` \[m\]. `None`
+    /// before the first preview.
+    pub(crate) fn of_pen<const N: usize>(
+        self,
+        preview: &RefinedPreview,
+        resting_at: Option<[f64; 2]>,
+        now: Stamp,
+        ahead_ns: u64,
+    ) -> Option<[[AxisState; N]; 2]> {
+        match resting_at {
+            Some(position) => preview.base.map(|_| position.map(|at| [AxisState::at_rest(at); N])),
+            None => self.references(preview, now, ahead_ns),
+        }
+    }
+
+    /// References at `now` + `ahead_ns` + i times the plan's step, i = 1..N, for the plane's x and y.
     ///
     /// On cubic segments through the newest sample and the predicted grid points, with slopes from their
     /// neighbours: a corner at every grid point would cost an aggressive plan more jerk than the letter does.
     /// Beyond the last predicted point the pen is assumed to rest.
-    pub(crate) fn references<const N: usize>(
+    fn references<const N: usize>(
         self,
-        preview: &Preview,
+        preview: &RefinedPreview,
         now: Stamp,
         ahead_ns: u64,
-        plan_step_s: f64,
     ) -> Option<[[AxisState; N]; 2]> {
         let step_s = preview.step_s();
         let lead = preview.lead(now, ahead_ns)?;
-        let stride = plan_step_s / step_s;
+        let stride = self.plan_step_s / step_s;
         let spline = Spline::through(preview);
         let mut xs = [AxisState::default(); N];
         let mut ys = [AxisState::default(); N];
@@ -68,11 +83,6 @@ impl Reference {
     }
 }
 
-/// References at rest at `position` \[m\].
-pub(crate) fn resting<const N: usize>([x, y]: [f64; 2]) -> [[AxisState; N]; 2] {
-    [[AxisState::at_rest(x); N], [AxisState::at_rest(y); N]]
-}
-
 /// The cubic segments through the path to be followed.
 struct Spline<'a> {
     /// Entry 0 is `origin` steps after the base of the preview, entry i i steps; the last is entry `steps`.
@@ -82,9 +92,9 @@ struct Spline<'a> {
 }
 
 impl<'a> Spline<'a> {
-    fn through(preview: &'a Preview) -> Self {
+    fn through(preview: &'a RefinedPreview) -> Self {
         let points = preview.followed();
-        Self { points, origin: preview.origin(), steps: points.len().saturating_sub(1) }
+        Self { points, origin: preview.origin, steps: points.len().saturating_sub(1) }
     }
 
     /// Position \[m\], velocity \[m/step\] and acceleration \[m/step²\] of x and y, `s` steps after the base;
@@ -148,18 +158,18 @@ mod tests {
     const STEP_NS: u64 = 10_000_000;
     const BASE: Stamp = Stamp(1_000_000_000);
 
-    fn straight(steps: usize) -> Preview {
+    fn straight(steps: usize) -> RefinedPreview {
         let points: Vec<_> = (0..=steps).map(|i| [0.001 * i as f64, -0.002 * i as f64]).collect();
-        Preview::of(STEP_NS, BASE, &points)
+        RefinedPreview::of(STEP_NS, BASE, &points)
     }
 
     fn references<const N: usize>(
-        preview: &Preview,
+        preview: &RefinedPreview,
         now: Stamp,
         ahead_ns: u64,
         led_ns: u64,
     ) -> [[AxisState; N]; 2] {
-        Reference::leading(STEP_NS, led_ns).references(preview, now, ahead_ns, 0.01).unwrap()
+        Reference::leading(STEP_NS, led_ns, 0.01).references(preview, now, ahead_ns).unwrap()
     }
 
     #[test]
@@ -198,10 +208,10 @@ mod tests {
     #[test]
     fn references_move_with_the_velocity_and_acceleration_that_they_have() {
         let wave = |i: u32| [0.003 * (f64::from(i) * 0.4).sin(), 0.002 * (f64::from(i) * 0.3).cos()];
-        let preview = Preview::of(STEP_NS, BASE, &(0..=30).map(wave).collect::<Vec<_>>());
+        let preview = RefinedPreview::of(STEP_NS, BASE, &(0..=30).map(wave).collect::<Vec<_>>());
         let (plan_step_s, dt_ns) = (0.0173, 100_000);
         let at = |ns: u64| -> [[AxisState; 5]; 2] {
-            Reference::leading(STEP_NS, 0).references(&preview, BASE + ns, 3_000_000, plan_step_s).unwrap()
+            Reference::leading(STEP_NS, 0, plan_step_s).references(&preview, BASE + ns, 3_000_000).unwrap()
         };
         let mut curved = 0.0_f64;
         for ns in (0..100_000_000).step_by(1_700_000) {
@@ -238,7 +248,7 @@ mod tests {
     #[test]
     fn references_move_continuously_with_time() {
         let points: Vec<_> = (0..=30).map(|i| [0.003 * (f64::from(i) * 0.4).sin(), 0.0]).collect();
-        let preview = Preview::of(STEP_NS, BASE, &points);
+        let preview = RefinedPreview::of(STEP_NS, BASE, &points);
         let mut last = references::<10>(&preview, BASE, 0, 0);
         for ns in (0..30_000_000).step_by(100_000) {
             let next = references::<10>(&preview, BASE + ns, 0, 0);

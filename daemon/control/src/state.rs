@@ -19,17 +19,17 @@ pub enum StateError {
     /// They go on after the last value.
     #[error("{left} bytes follow the state: it belongs to other settings or to another version")]
     Long {
-        /// Bytes left.
+        /// Bytes after the last value.
         left: usize,
     },
     /// A number that stands for a choice is unknown.
     #[error("byte {at} of the state has the mark {got}, {most} is the largest that there is")]
     Mark {
-        /// Place.
+        /// Byte of the state.
         at: usize,
-        /// Value found.
+        /// The mark that was found.
         got: u64,
-        /// Largest known.
+        /// Largest mark that there is.
         most: u64,
     },
     /// A list has another length than the settings give it.
@@ -38,9 +38,9 @@ pub enum StateError {
          of the recording"
     )]
     Length {
-        /// Place.
+        /// Byte of the state.
         at: usize,
-        /// Length found.
+        /// Entries that the list has.
         got: u64,
         /// Length of the law's own list, or the most that it may have.
         wanted: u64,
@@ -68,8 +68,8 @@ impl<'a> Writer<'a> {
     /// Appends `bytes`, if they fit.
     pub fn put(&mut self, bytes: &[u8]) {
         let end = self.at.saturating_add(bytes.len());
-        if let Some(place) = self.bytes.get_mut(self.at..end) {
-            place.copy_from_slice(bytes);
+        if let Some(slot) = self.bytes.get_mut(self.at..end) {
+            slot.copy_from_slice(bytes);
         }
         self.at = end;
     }
@@ -168,7 +168,7 @@ pub trait State {
 
 /// A state that can be made from nothing, to be filled in.
 pub trait Blank: State {
-    /// Any value.
+    /// Any value; it is overwritten.
     fn blank() -> Self;
 }
 
@@ -460,7 +460,7 @@ macro_rules! wraps {
 }
 pub(crate) use wraps;
 
-/// `choices! { Type { Variant, … } }`: an enumeration without data, by the variants' places in the list.
+/// `choices! { Type { Variant, … } }`: an enumeration without data, by the variants' indices in the list.
 macro_rules! choices {
     ($type:ty { $first:ident $(, $other:ident)* $(,)? }) => {
         impl $crate::state::State for $type {

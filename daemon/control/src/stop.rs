@@ -6,7 +6,7 @@ use crate::units::Stamp;
 /// Why the loop stopped by itself or was stopped.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum StopReason {
-    /// Not stopped.
+    /// It is not stopped at all.
     #[default]
     None,
     /// An operator requested it.
@@ -90,9 +90,9 @@ pub struct StopDetail {
     pub cause: StopCause,
     /// Joint index from 0, base first; `None`: the tool, or no joint.
     pub joint: Option<u8>,
-    /// Observed value.
+    /// The value that was observed.
     pub amount: f64,
-    /// Allowed value.
+    /// The bound that it violates.
     pub limit: f64,
     /// Release of the tick in which the stop latched; `Stamp(0)`: no stop has latched.
     pub at: Stamp,

@@ -47,9 +47,9 @@ impl Add<u64> for Stamp {
 pub struct Trust(f64);
 
 impl Trust {
-    /// Hold only.
+    /// No trust: Hold decides alone.
     pub const NONE: Self = Self(0.0);
-    /// Prediction only.
+    /// Full trust: the prediction decides alone.
     pub const FULL: Self = Self(1.0);
 
     /// Clamps to \[0, 1\]; NaN becomes 0, the safe value.

@@ -19,7 +19,7 @@ const PATIENCE_NS: u64 = 1_000_000_000;
 /// The verdicts on allocations after warm-up.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct AllocationTotals {
-    /// Without explanation.
+    /// Without a connection that explains them.
     pub unexplained: u64,
     /// While a peer came or went.
     pub connection: u64,
@@ -29,12 +29,11 @@ pub struct AllocationTotals {
 
 /// An interval in which the set of peers changed.
 #[derive(Debug, Clone, Copy)]
-struct Change {
+struct PeerChange {
     from: Stamp,
     to: Stamp,
 }
 
-/// The judge.
 #[derive(Debug)]
 pub struct AllocationJudge {
     warm_after_ticks: u64,
@@ -42,7 +41,7 @@ pub struct AllocationJudge {
     seen: Option<(u64, u64)>,
     /// Allocations at the ports that await an explanation: when, how many.
     waiting: VecDeque<(Stamp, u64)>,
-    changes: VecDeque<Change>,
+    changes: VecDeque<PeerChange>,
     last_look: Option<(Stamp, u128)>,
     totals: AllocationTotals,
 }
@@ -80,7 +79,7 @@ impl AllocationJudge {
         if let Some((before, seen)) = self.last_look
             && seen != fingerprint
         {
-            self.changes.push_back(Change { from: before, to: now.plus_ns(NOTICE_NS) });
+            self.changes.push_back(PeerChange { from: before, to: now.plus_ns(NOTICE_NS) });
         }
         self.last_look = Some((now, fingerprint));
         let changes = &self.changes;

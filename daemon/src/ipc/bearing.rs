@@ -1,4 +1,4 @@
-//! Where the measured arm is, and what its process says of it: the part of the status that an operator
+//! Where the measured arm is, and the note of its process about it: the part of the status that an operator
 //! compares with the arm.
 
 use foretrace_control::arm::Chain;
@@ -24,8 +24,8 @@ impl Bearing {
         Self { chain: settings.chain.clone(), plane: settings.plane, note: None }
     }
 
-    /// Takes what the arm's process said since the last look.
-    pub fn hear(&mut self, now_ns: u64, notes: &mut Subscriber<ArmNote>) {
+    /// Takes the notes of the arm's process since the last look.
+    pub fn take_notes(&mut self, now_ns: u64, notes: &mut Subscriber<ArmNote>) {
         self.note = notes.latest(now_ns).or(self.note);
     }
 
@@ -39,7 +39,7 @@ impl Bearing {
     }
 
     /// Fills in the status.
-    pub fn tell(&self, status: &mut Status, newest: &TickFacts) {
+    pub fn fill(&self, status: &mut Status, newest: &TickFacts) {
         if let Some((_, q)) = newest.measured {
             let tool = self.chain.forward(&q);
             let over = self.plane.point_from_base(&tool.position);
@@ -83,13 +83,13 @@ mod tests {
         let mut bearing = Bearing::new(&config.follower_settings());
         let mut newest = facts(7);
         let mut status = Status::default();
-        bearing.tell(&mut status, &newest);
+        bearing.fill(&mut status, &newest);
         assert_eq!(status, Status::default());
         let home = config.robot().home;
         (newest.measured, newest.ports.arm_note) = (Some((Stamp(1000), home)), 5);
         let words = NoteWords::new("paused", "press play");
         bearing.note = Some(ArmNote { since_ns: 900, number: 5, words, ..ArmNote::default() });
-        bearing.tell(&mut status, &newest);
+        bearing.fill(&mut status, &newest);
         assert_eq!((status.joints_q, status.note, status.note_since_ns), (home, words, 900));
         let tool = config.robot().chain.forward(&home);
         let [x, y, z] = tool.position.into();

@@ -45,7 +45,7 @@ struct Sent {
     pen_stamp: Option<Stamp>,
 }
 
-/// Recent commands and recent latencies.
+/// IntervalMedian commands and recent latencies.
 #[derive(Debug)]
 pub struct ChainWatch {
     sent: VecDeque<Sent>,
@@ -55,11 +55,10 @@ pub struct ChainWatch {
     pen: Option<(Stamp, u64)>,
     since: Option<Stamp>,
     /// In the order of the fields of [`Parts`].
-    recent: [Recent; 5],
+    recent: [IntervalMedian; 5],
 }
 
 impl ChainWatch {
-    /// Without ticks.
     #[must_use]
     pub fn new() -> Self {
         Self {
@@ -69,7 +68,7 @@ impl ChainWatch {
             refused: None,
             pen: None,
             since: None,
-            recent: std::array::from_fn(|_| Recent::new()),
+            recent: std::array::from_fn(|_| IntervalMedian::new()),
         }
     }
 
@@ -78,7 +77,7 @@ impl ChainWatch {
         let (now, output) = (facts.wake.release, &facts.output);
         if now.since(*self.since.get_or_insert(now)).abs() >= STRETCH_NS {
             self.since = Some(now);
-            self.recent.iter_mut().for_each(Recent::turn);
+            self.recent.iter_mut().for_each(IntervalMedian::turn);
         }
         let commanded = output.command.is_some() && !facts.not_sent;
         if commanded {
@@ -177,12 +176,12 @@ fn between(earlier: Option<Stamp>, later: Option<Stamp>) -> Option<u64> {
 
 /// The median of the last complete interval.
 #[derive(Debug)]
-struct Recent {
+struct IntervalMedian {
     current: Option<Histogram<u64>>,
     median: Option<u64>,
 }
 
-impl Recent {
+impl IntervalMedian {
     fn new() -> Self {
         // The crate accepts these constant bounds; without a histogram there would be no median.
         Self { current: Histogram::new_with_bounds(1, LONGEST_NS, 3).ok(), median: None }
@@ -243,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn the_parts_of_a_tick_are_told_apart() {
+    fn the_parts_of_a_tick_are_distinguished() {
         let mut watch = ChainWatch::new();
         let first = tick(100);
         assert_eq!(watch.tick(&first).command_transport, None);

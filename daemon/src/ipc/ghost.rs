@@ -41,7 +41,6 @@ pub struct GhostShell {
 }
 
 impl GhostShell {
-    /// No ghost.
     #[must_use]
     pub const fn none() -> Self {
         Self { ghost: None, cost: None }

@@ -31,7 +31,7 @@ impl Homeward {
 
     /// The way from the measured joints, or the rest of it while the arm moves.
     #[must_use]
-    pub fn told(&self, newest: &TickFacts) -> WayHome {
+    pub fn way_home(&self, newest: &TickFacts) -> WayHome {
         let way = newest.measured.and_then(|(_, q)| self.settings.way_home(&q));
         let Some((joint, farthest_rad, left_s)) = way else { return WayHome::UNKNOWN };
         let way = WayHome {

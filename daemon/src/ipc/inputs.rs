@@ -24,20 +24,19 @@ use crate::wire;
 const PIECES_PER_ROUND: usize = 8;
 /// Sets of weights that a new listener gets: more than can be on their way to the loop.
 const SETS_KEPT: usize = 8;
-/// Things that wait to be sent at most.
+/// Snapshots that wait to be sent at most.
 const WAITING: usize = 64;
 /// Least time between two states \[ns\]: listeners that come and go must not keep the loop copying.
 const APART_NS: u64 = 100_000_000;
 
-/// A thing on its way out.
+/// A snapshot on its way out.
 #[derive(Debug)]
 struct Parcel {
-    thing: Thing,
+    snapshot: Thing,
     hash: u64,
     sent: usize,
 }
 
-/// The sender.
 #[derive(Debug)]
 pub struct Inputs {
     daemon_id: u64,
@@ -99,9 +98,9 @@ impl Inputs {
         {
             if let Ok(seen) = rings.pen.pop()
                 && seen.tick == facts.tick
-                && let Some(place) = pen.get_mut(count)
+                && let Some(slot) = pen.get_mut(count)
             {
-                *place = seen.reading;
+                *slot = seen.reading;
                 count += 1;
             }
         }
@@ -159,11 +158,12 @@ impl Inputs {
             }
         }
         for _ in 0..PIECES_PER_ROUND {
-            let Some(Parcel { thing, hash, sent }) = self.waiting.front_mut() else { break };
-            let piece = Piece::of(thing.kind, thing.number, thing.daemon_id, &thing.bytes, *hash, *sent);
+            let Some(Parcel { snapshot, hash, sent }) = self.waiting.front_mut() else { break };
+            let piece =
+                Piece::of(snapshot.kind, snapshot.number, snapshot.daemon_id, &snapshot.bytes, *hash, *sent);
             self.failed += u64::from(port.publish(now, piece).is_err());
             *sent += PIECE_BYTES;
-            if *sent >= thing.bytes.len() {
+            if *sent >= snapshot.bytes.len() {
                 self.waiting.pop_front();
             }
         }
@@ -180,12 +180,12 @@ impl Inputs {
         }
     }
 
-    fn send(&mut self, thing: Thing) {
+    fn send(&mut self, snapshot: Thing) {
         if self.waiting.len() >= WAITING {
             self.failed += 1;
             return;
         }
-        let hash = fnv1a(&thing.bytes);
-        self.waiting.push_back(Parcel { thing, hash, sent: 0 });
+        let hash = fnv1a(&snapshot.bytes);
+        self.waiting.push_back(Parcel { snapshot, hash, sent: 0 });
     }
 }

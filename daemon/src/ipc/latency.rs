@@ -6,8 +6,9 @@
 use hdrhistogram::Histogram;
 
 use foretrace_control::units::Stamp;
-use foretrace_shm::{LATENCY_BINS, Latency, Percentiles};
+use foretrace_shm::{LATENCY_BINS, Latency};
 
+use super::statistics::percentiles;
 use crate::rt::facts::TickFacts;
 
 /// Longer times count as this \[ns\].
@@ -15,7 +16,7 @@ const LONGEST_NS: u64 = 60_000_000_000;
 /// Largest standard deviation of the lag for a latency of the motion \[s\].
 const KNOWN_S: f64 = 3e-3;
 
-/// Both latencies.
+/// Both latencies, over all ticks since warm-up.
 #[derive(Debug)]
 pub struct Latencies {
     pen_to_command: Meter,
@@ -24,7 +25,6 @@ pub struct Latencies {
 }
 
 impl Latencies {
-    /// Empty.
     #[must_use]
     pub fn new() -> Self {
         Self { pen_to_command: Meter::new(), command_to_motion: Meter::new(), pen: None }
@@ -51,13 +51,13 @@ impl Latencies {
     /// From the pen's device stamp to the command.
     #[must_use]
     pub fn pen_to_command(&self) -> Latency {
-        self.pen_to_command.told()
+        self.pen_to_command.latency()
     }
 
     /// From the command to its motion.
     #[must_use]
     pub fn command_to_motion(&self) -> Latency {
-        self.command_to_motion.told()
+        self.command_to_motion.latency()
     }
 }
 
@@ -67,7 +67,6 @@ impl Default for Latencies {
     }
 }
 
-/// One distribution.
 #[derive(Debug)]
 struct Meter {
     spread: Option<Histogram<u64>>,
@@ -90,19 +89,11 @@ impl Meter {
         }
     }
 
-    fn told(&self) -> Latency {
+    fn latency(&self) -> Latency {
         let Some(spread) = self.spread.as_ref().filter(|spread| !spread.is_empty()) else {
             return Latency::default();
         };
-        let saturated = |ns: u64| u32::try_from(ns).unwrap_or(u32::MAX);
-        let at = |quantile| saturated(spread.value_at_quantile(quantile).min(spread.max()));
-        let percentiles = Percentiles {
-            p50_ns: at(0.5),
-            p99_ns: at(0.99),
-            p99_9_ns: at(0.999),
-            max_ns: saturated(spread.max()),
-        };
-        Latency { count: spread.len(), percentiles, bins: self.bins }
+        Latency { count: spread.len(), percentiles: percentiles(spread), bins: self.bins }
     }
 }
 

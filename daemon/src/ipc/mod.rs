@@ -46,7 +46,7 @@ use inputs::Inputs;
 use latency::Latencies;
 use narrator::Narrator;
 use record::IpcTally;
-use requests::{Known, ReloadRequest, Requests};
+use requests::{OpenRequests, RefusalContext, ReloadRequest};
 use statistics::{RateMeter, RunningRms, Spreads};
 
 /// Sleep between two rounds; the loop's ring holds a hundred times as much.
@@ -62,7 +62,7 @@ const SILENCE_NS: i64 = 1_000_000_000;
 /// Settings of the thread.
 #[derive(Debug, Clone, Copy)]
 pub struct IpcSettings {
-    /// Ticks per second.
+    /// Ticks per second, as set.
     pub rate_hz: f64,
     /// Warm-up ticks, which count neither in distributions nor in allocations.
     pub warm_after_ticks: u64,
@@ -76,16 +76,14 @@ pub struct IpcSettings {
     pub settings_hash: u64,
 }
 
-/// What the supervisor tells the thread.
+/// Orders of the supervisor to the thread.
 #[derive(Debug, Clone, PartialEq)]
 pub enum IpcOrder {
     /// These rights are missing, as bits of the status.
     Missing(u32),
     /// A live setting for the loop.
     Loop(Request),
-    /// Settings have changed.
     Settings {
-        /// Their hash.
         hash: u64,
         /// All of them, as TOML.
         text: String,
@@ -104,17 +102,12 @@ pub struct IpcLinks {
     pub ghost: GhostShell,
     /// Where the measured tool has been since arming.
     pub extent: ExtentWatch<JOINTS>,
-    /// The way home.
     pub homeward: Homeward,
-    /// Where the arm is, and what is said of it.
+    /// Where the arm is, and the newest note about it.
     pub bearing: Bearing,
-    /// Inputs for recordings.
     pub inputs: Inputs,
-    /// The learner's figures.
     pub board: Arc<LearnerBoard>,
-    /// The learner's events.
     pub learner: Receiver<LearnerEvent>,
-    /// The supervisor's orders.
     pub orders: Receiver<IpcOrder>,
     /// Reloads, to the supervisor.
     pub reload: Sender<ReloadRequest>,
@@ -125,7 +118,6 @@ pub struct IpcLinks {
 /// The result of the thread.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct IpcSummary {
-    /// The last status.
     pub status: Status,
 }
 
@@ -156,7 +148,7 @@ struct Ipc {
     ports: IpcPorts,
     settings: IpcSettings,
     links: IpcLinks,
-    requests: Requests,
+    requests: OpenRequests,
     narrator: Narrator,
     judge: AllocationJudge,
     spreads: Spreads,
@@ -179,7 +171,7 @@ impl Ipc {
     fn new(ports: IpcPorts, settings: IpcSettings, links: IpcLinks) -> Self {
         let now = Stamp(os::monotonic_ns());
         Self {
-            requests: Requests::new(links.reload.clone()),
+            requests: OpenRequests::new(links.reload.clone()),
             ports,
             settings,
             links,
@@ -224,19 +216,21 @@ impl Ipc {
             let Ok(facts) = self.links.rings.facts.pop() else { break };
             changed |= self.learn_of(&facts);
         }
-        self.links.bearing.hear(now.0, &mut self.ports.notes);
+        self.links.bearing.take_notes(now.0, &mut self.ports.notes);
         self.links.inputs.round(now.0, &mut self.links.rings, &mut self.ports.pieces);
         self.judge.look(now, self.ports.watch.fingerprint());
         while let Ok(event) = self.links.learner.try_recv() {
             self.narrator.learner(&event);
         }
         let (mode, trust) = self.mode_and_trust();
-        self.requests.explain_by(self.newest.as_ref().map_or_else(Known::default, |newest| Known {
-            joints_refused: newest.ports.joints_refused,
-            note: self.links.bearing.in_force(newest).map(|note| note.words),
-            stop: (newest.output.stop_reason != StopReason::None).then(|| {
-                (wire::fault(newest.output.stop_reason), wire::stop_detail(&newest.output.stop_detail))
-            }),
+        self.requests.explain_by(self.newest.as_ref().map_or_else(RefusalContext::default, |newest| {
+            RefusalContext {
+                joints_refused: newest.ports.joints_refused,
+                note: self.links.bearing.in_force(newest).map(|note| note.words),
+                stop: (newest.output.stop_reason != StopReason::None).then(|| {
+                    (wire::fault(newest.output.stop_reason), wire::stop_detail(&newest.output.stop_detail))
+                }),
+            }
         }));
         self.requests.serve(&mut self.ports.control, &mut self.links, mode, trust);
         if changed || now >= self.next_status {
@@ -350,7 +344,7 @@ impl Ipc {
             echo_refused: wire::refused(self.chain.refused()),
             extent: self.links.extent.extent().map_or(ToolExtent::UNKNOWN, |extent| wire::extent(&extent)),
             arm_speed_share: -1.0,
-            way_home: self.newest.map_or(WayHome::UNKNOWN, |newest| self.links.homeward.told(&newest)),
+            way_home: self.newest.map_or(WayHome::UNKNOWN, |newest| self.links.homeward.way_home(&newest)),
             // NaN without a counting allocator: zero would be a claim.
             allocations_per_tick: f64::NAN,
             ..Status::default()
@@ -359,7 +353,7 @@ impl Ipc {
         if let Some(newest) = &self.newest {
             let tally = self.tally();
             record::newest_tick(&mut status, newest, &tally, now);
-            self.links.bearing.tell(&mut status, newest);
+            self.links.bearing.fill(&mut status, newest);
             let warm = newest.tally.ticks.saturating_sub(self.settings.warm_after_ticks);
             if self.counted {
                 status.allocations_per_tick = tally.allocations as f64 / warm.max(1) as f64;

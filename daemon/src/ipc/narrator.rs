@@ -15,7 +15,7 @@ use tracing::{debug, info, warn};
 use super::refused;
 use crate::learner::LearnerEvent;
 use crate::rt::facts::TickFacts;
-use crate::wire;
+use crate::wire::{self, Refused};
 
 /// Time between two lines about the same flood \[ns\].
 const FLOOD_NS: i64 = 1_000_000_000;
@@ -28,80 +28,58 @@ const LEARNED_NS: i64 = 10_000_000_000;
 /// Counts between two lines about new weights of a model.
 #[derive(Debug, Clone, Copy, Default)]
 struct Lessons {
-    told_at: Option<Stamp>,
+    reported_at: Option<Stamp>,
     better: u32,
     back: u32,
 }
 
-/// Counts between two lines about a flood.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-struct Troubles {
-    overruns: u64,
-    skipped: u64,
-    shed: u64,
-    not_sent: u64,
-    over: u64,
-    pen_rejected: u64,
-    pen_dropped: u64,
-    pen_deferred: u64,
-    joints_rejected: u64,
-    enable_rejected: u64,
-    joints_dropped: u64,
-    evidence_dropped: u64,
-    learn_dropped: u64,
-    weights_refused: u64,
-    receive_failures: u64,
+/// What comes in floods: its name, how often it has come, and, where it is a refusal, the
+/// sender and what it has to know.
+type Flood = (&'static str, fn(&TickFacts) -> u64, Option<(&'static str, NewestRefusal)>);
+type NewestRefusal = fn(&TickFacts) -> Option<Refused>;
+
+const FLOODS: [Flood; 15] = [
+    ("ticks after their deadline", |facts| facts.tally.overruns, None),
+    ("whole periods lost", |facts| facts.tally.skipped, None),
+    ("solves shed for lack of time", |facts| facts.tally.shed, None),
+    ("commands not sent", |facts| facts.ports.commands_failed, None),
+    ("commands over before they could be sent", |facts| facts.tally.commands_over, None),
+    ("pen samples refused", pen_rejected, Some(("pen", refused::pen))),
+    ("pen samples missing", |facts| facts.ports.pen_dropped, None),
+    ("ticks with more pen samples than one takes", |facts| facts.ports.pen_deferred, None),
+    ("joint states refused", joints_rejected, Some(("arm", |facts| facts.ports.joints_refused))),
+    (
+        "dead-man messages refused",
+        |facts| facts.ports.enable_rejected,
+        Some(("dead man", |facts| facts.ports.enable_refused)),
+    ),
+    ("joint states missing", |facts| facts.ports.joints_dropped, None),
+    ("tick records lost inside the daemon", |facts| facts.tally.evidence_dropped, None),
+    ("grid steps lost on the way to the learner", |facts| facts.tally.learn_dropped, None),
+    ("sets of weights refused", |facts| facts.tally.weights_refused, None),
+    ("receives failed", |facts| facts.ports.receive_failures, None),
+];
+
+/// How often each of [`FLOODS`] has come.
+type FloodCounts = [u64; FLOODS.len()];
+
+fn pen_rejected(facts: &TickFacts) -> u64 {
+    let pen = &facts.output.pen_counters;
+    let by_grid = pen.non_finite + pen.out_of_range + pen.from_future + pen.time_backwards;
+    facts.ports.pen_rejected.iter().fold(by_grid, |sum, count| sum.saturating_add(*count))
 }
 
-impl Troubles {
-    fn of(facts: &TickFacts) -> Self {
-        let (tally, ports) = (&facts.tally, &facts.ports);
-        let pen = &facts.output.pen_counters;
-        let by_grid = pen.non_finite + pen.out_of_range + pen.from_future + pen.time_backwards;
-        let sum = |counts: &[u64]| counts.iter().fold(0_u64, |sum, n| sum.saturating_add(*n));
-        Self {
-            overruns: tally.overruns,
-            skipped: tally.skipped,
-            shed: tally.shed,
-            not_sent: ports.commands_failed,
-            over: tally.commands_over,
-            pen_rejected: sum(&ports.pen_rejected) + by_grid,
-            pen_dropped: ports.pen_dropped,
-            pen_deferred: ports.pen_deferred,
-            joints_rejected: sum(&ports.joints_rejected),
-            enable_rejected: ports.enable_rejected,
-            joints_dropped: ports.joints_dropped,
-            evidence_dropped: tally.evidence_dropped,
-            learn_dropped: tally.learn_dropped,
-            weights_refused: tally.weights_refused,
-            receive_failures: ports.receive_failures,
-        }
-    }
+fn joints_rejected(facts: &TickFacts) -> u64 {
+    facts.ports.joints_rejected.iter().fold(0, |sum, count| sum.saturating_add(*count))
+}
 
-    /// The counts that increased since `before`, in words.
-    fn since(&self, before: &Self) -> Vec<String> {
-        [
-            ("ticks after their deadline", self.overruns, before.overruns),
-            ("whole periods lost", self.skipped, before.skipped),
-            ("solves shed for lack of time", self.shed, before.shed),
-            ("commands not sent", self.not_sent, before.not_sent),
-            ("commands over before they could be sent", self.over, before.over),
-            ("pen samples refused", self.pen_rejected, before.pen_rejected),
-            ("pen samples missing", self.pen_dropped, before.pen_dropped),
-            ("ticks with more pen samples than one takes", self.pen_deferred, before.pen_deferred),
-            ("joint states refused", self.joints_rejected, before.joints_rejected),
-            ("dead-man messages refused", self.enable_rejected, before.enable_rejected),
-            ("joint states missing", self.joints_dropped, before.joints_dropped),
-            ("tick records lost inside the daemon", self.evidence_dropped, before.evidence_dropped),
-            ("grid steps lost on the way to the learner", self.learn_dropped, before.learn_dropped),
-            ("sets of weights refused", self.weights_refused, before.weights_refused),
-            ("receives failed", self.receive_failures, before.receive_failures),
-        ]
-        .into_iter()
-        .filter(|(_, now, then)| now > then)
-        .map(|(what, now, then)| format!("{} {what}", now - then))
-        .collect()
-    }
+/// What has come since `before`, each with its number.
+fn since<'a>(
+    now: &'a FloodCounts,
+    before: &'a FloodCounts,
+) -> impl Iterator<Item = (&'static Flood, u64)> + 'a {
+    let counts = now.iter().zip(before).map(|(now, before)| now.saturating_sub(*before));
+    FLOODS.iter().zip(counts).filter(|(_, more)| *more > 0)
 }
 
 /// An arm at less than the first share of the commanded speed is slow; above the second it no longer is.
@@ -117,8 +95,8 @@ pub struct Narrator {
     slow: bool,
     /// That it moves without a dead-man was logged.
     without_dead_man: bool,
-    told: Troubles,
-    told_at: Stamp,
+    reported: FloodCounts,
+    reported_at: Stamp,
     /// Time of the first event not logged yet.
     since: Option<Stamp>,
     worst_wakeup_ns: u64,
@@ -197,44 +175,39 @@ impl Narrator {
     }
 
     fn floods(&mut self, facts: &TickFacts) {
-        let now = Troubles::of(facts);
-        if now == self.told {
+        let now = FLOODS.map(|(_, count, _)| count(facts));
+        if now == self.reported {
             return;
         }
+        let increased: Vec<_> = since(&now, &self.reported).collect();
         // A sender can fix what was refused only if the log says why.
-        let refusals = [
-            ("pen", refused::pen(facts), now.pen_rejected > self.told.pen_rejected),
-            ("arm", facts.ports.joints_refused, now.joints_rejected > self.told.joints_rejected),
-            ("dead man", facts.ports.enable_refused, now.enable_rejected > self.told.enable_rejected),
-        ];
-        let refusals = refusals.map(|(who, refused, more)| (who, refused.filter(|_| more)));
-        let mut unheard = false;
-        for (who, refused) in refusals {
-            let Some(why) = refused.map(|refused| refused.why) else { continue };
-            let reason = (who, why.reason, why.field);
+        let refusals = increased.iter().filter_map(|((_, _, sender), _)| {
+            let (who, newest) = (*sender)?;
+            newest(facts).map(|refused| (who, refused.why))
+        });
+        let refusals: Vec<_> = refusals.collect();
+        let mut new_reason = false;
+        for reason in refusals.iter().map(|(who, why)| (*who, why.reason, why.field)) {
             // There are three senders, nine reasons and some twenty fields.
             if !self.reasons.contains(&reason) {
                 self.reasons.push(reason);
-                unheard = true;
+                new_reason = true;
             }
         }
         let since = *self.since.get_or_insert(facts.finished);
-        let soon = facts.finished.since(self.told_at) < FLOOD_NS || facts.finished.since(since) < GATHER_NS;
-        if soon && !unheard {
+        let recent = facts.finished.since(self.reported_at) < FLOOD_NS;
+        if (recent || facts.finished.since(since) < GATHER_NS) && !new_reason {
             return;
         }
         self.since = None;
-        let mut lines = now.since(&self.told).join(", ");
-        for (who, refused) in refusals {
-            if let Some(refused) = refused {
-                lines = format!("{lines}; {who}: {}", refused.why);
-            }
-        }
+        let counts = increased.iter().map(|((what, ..), more)| format!("{more} {what}"));
+        let reasons = refusals.iter().map(|(who, why)| format!("; {who}: {why}"));
+        let lines = counts.collect::<Vec<_>>().join(", ") + &reasons.collect::<String>();
         // The two numbers separate late wake-ups by the system from long steps of the loop.
         let (wakeup_us, step_us) = (self.worst_wakeup_ns / 1000, self.worst_step_ns / 1000);
         warn!(tick = facts.tick, "{lines} (worst wake-up {wakeup_us} us late, longest step {step_us} us)");
-        self.told = now;
-        self.told_at = facts.finished;
+        self.reported = now;
+        self.reported_at = facts.finished;
         self.worst_wakeup_ns = 0;
         self.worst_step_ns = 0;
     }
@@ -270,11 +243,11 @@ impl Narrator {
             PromotionCause::RolledBack => lessons.back += 1,
             _ => lessons.better += 1,
         }
-        if lessons.told_at.is_some_and(|told_at| now.since(told_at) < LEARNED_NS) {
+        if lessons.reported_at.is_some_and(|at| now.since(at) < LEARNED_NS) {
             return;
         }
         let Lessons { better, back, .. } = std::mem::take(lessons);
-        lessons.told_at = Some(now);
+        lessons.reported_at = Some(now);
         let back = if back > 0 { format!(", rolled back {back} times") } else { String::new() };
         info!(
             version,
@@ -290,26 +263,27 @@ mod tests {
     use crate::ipc::tests::facts;
 
     #[test]
-    fn only_what_increased_is_told() {
+    fn only_what_increased_is_logged() {
         let mut later = facts(9);
         later.tally.overruns = 3;
         later.ports.pen_rejected = [1, 0, 2, 0, 0, 0, 0, 0, 0];
-        let lines = Troubles::of(&later).since(&Troubles::of(&facts(1)));
-        assert_eq!(lines, ["3 ticks after their deadline", "3 pen samples refused"]);
-        assert!(Troubles::of(&later).since(&Troubles::of(&later)).is_empty());
+        let [now, before] = [&later, &facts(1)].map(|facts| FLOODS.map(|(_, count, _)| count(facts)));
+        let lines: Vec<_> = since(&now, &before).map(|((what, ..), more)| (more, *what)).collect();
+        assert_eq!(lines, [(3, "ticks after their deadline"), (3, "pen samples refused")]);
+        assert_eq!(since(&now, &now).count(), 0);
     }
 
     #[test]
-    fn what_is_refused_for_another_reason_is_told_at_once() {
+    fn what_is_refused_for_another_reason_is_logged_at_once() {
         let mut narrator = Narrator::default();
         let mut facts = facts(1);
-        let refused = |reason, field| {
-            Some(crate::wire::Refused { why: foretrace_shm::Rejection::new(reason, field), at: Stamp(1) })
-        };
+        let refused =
+            |reason, field| Some(Refused { why: foretrace_shm::Rejection::new(reason, field), at: Stamp(1) });
         let (degrees, future) =
             (refused(RejectReason::OutOfRange, "q"), refused(RejectReason::FromTheFuture, "stamp_ns"));
+        let joints = FLOODS.iter().position(|(what, ..)| *what == "joint states refused").unwrap();
         // All within one second of a line about late ticks.
-        let mut told = Vec::new();
+        let mut reported = Vec::new();
         for (ms, newest) in [(2000, None), (2100, degrees), (2200, degrees), (2300, future), (2400, degrees)]
         {
             facts.finished = Stamp(ms * 1_000_000);
@@ -317,25 +291,25 @@ mod tests {
             facts.ports.joints_refused = newest;
             facts.ports.joints_rejected[0] += u64::from(newest.is_some());
             narrator.tick(&facts);
-            told.push(narrator.told.joints_rejected);
+            reported.push(narrator.reported[joints]);
         }
-        assert_eq!(told, [0, 1, 1, 3, 3]);
+        assert_eq!(reported, [0, 1, 1, 3, 3]);
     }
 
     #[test]
     fn an_arm_without_a_dead_man_is_logged_when_it_comes_and_when_it_goes() {
         let mut narrator = Narrator::default();
         let mut facts = facts(1);
-        let mut said = Vec::new();
+        let mut lines = Vec::new();
         for flags in [0, arm_flags::WITHOUT_DEAD_MAN, arm_flags::WITHOUT_DEAD_MAN, 0, 0] {
             facts.ports.arm_line.flags = flags;
-            said.push(narrator.dead_man(&facts).map(|line| line.contains("WITHOUT A DEAD-MAN")));
+            lines.push(narrator.dead_man(&facts).map(|line| line.contains("WITHOUT A DEAD-MAN")));
         }
-        assert_eq!(said, [None, Some(true), None, Some(false), None]);
+        assert_eq!(lines, [None, Some(true), None, Some(false), None]);
     }
 
     #[test]
-    fn new_weights_are_told_at_once_then_counted_for_ten_seconds() {
+    fn new_weights_are_logged_at_once_then_counted_for_ten_seconds() {
         let mut narrator = Narrator::default();
         let mut facts = facts(1);
         let promotion = Promotion {
@@ -354,12 +328,12 @@ mod tests {
             narrator.learner(&LearnerEvent::Promoted(promotion));
             seen.push(counts(&narrator));
         }
-        // 0: logged, and counted anew.
+        // 0: logged, and counted again.
         assert_eq!(seen, [0, 1, 2, 3, 0]);
     }
 
     #[test]
-    fn a_slow_arm_is_told_once() {
+    fn a_slow_arm_is_logged_once() {
         let mut narrator = Narrator::default();
         let mut facts = facts(1);
         for (share, slow) in

@@ -17,7 +17,6 @@ use crate::wire::{self, JOINTS, UNKNOWN, flag, known};
 pub struct IpcTally {
     /// Records that could not be published.
     pub telemetry_failed: u64,
-    /// Requests answered.
     pub requests: u64,
     /// Requests answered with a refusal.
     pub requests_refused: u64,
@@ -96,7 +95,7 @@ fn pen_rejected(facts: &TickFacts) -> shm::Rejections {
     rejected
 }
 
-/// One tick's facts as published; `before` are those of the last tick that was heard of.
+/// One tick's facts as published; `before` are those of the last tick that is known.
 #[must_use]
 pub fn tick_record(
     (before, facts): (Option<&TickFacts>, &TickFacts),
@@ -286,7 +285,7 @@ mod tests {
         // Ticks of 2 ms.
         let [x, y, z] = jerk(Some(&with(7, 0.25)), &with(8, 0.5));
         assert!((y - 125.0).abs() < 1e-9 && [x, z] == [0.0; 2], "{y}");
-        // Nothing is told over a gap, from the first tick on, or where nothing was sent.
+        // Nothing is known over a gap, from the first tick on, or where nothing was sent.
         assert_eq!(jerk(Some(&with(6, 0.25)), &with(8, 0.5)), [0.0; 3]);
         assert_eq!(jerk(None, &with(8, 0.5)), [0.0; 3]);
         assert_eq!(jerk(Some(&facts(7)), &with(8, 0.5)), [0.0; 3]);

@@ -26,7 +26,7 @@ mod tests {
     use crate::ipc::tests::facts;
 
     #[test]
-    fn newest_of_port_and_grid_is_told_with_its_evidence() {
+    fn newest_of_port_and_grid_is_reported_with_its_evidence() {
         let mut tick = facts(1);
         assert_eq!(pen(&tick), None);
         let grid = PenRefusal {
@@ -37,17 +37,17 @@ mod tests {
             at: Stamp(20),
         };
         tick.output.pen_refused = Some(grid);
-        let told = |tick: &_| crate::wire::refused(pen(tick)).to_string();
+        let text = |tick: &_| crate::wire::refused(pen(tick)).to_string();
         assert!(
-            told(&tick).starts_with("y_m = 3.2000 m, beyond the edge of the device at 0.5000 m"),
+            text(&tick).starts_with("y_m = 3.2000 m, beyond the edge of the device at 0.5000 m"),
             "{}",
-            told(&tick)
+            text(&tick)
         );
         let why = Rejection::new(RejectReason::NotFinite, "pressure").because(f64::NAN, 1.0);
         tick.ports.pen_refused = Some(Refused { why, at: Stamp(10) });
-        assert!(told(&tick).starts_with("y_m"), "{}", told(&tick));
+        assert!(text(&tick).starts_with("y_m"), "{}", text(&tick));
         tick.ports.pen_refused = Some(Refused { why, at: Stamp(30) });
-        assert!(told(&tick).starts_with("pressure = NaN"), "{}", told(&tick));
+        assert!(text(&tick).starts_with("pressure = NaN"), "{}", text(&tick));
         let future = PenRefusal {
             why: PenRejection::FromFuture,
             axis: None,
@@ -56,6 +56,6 @@ mod tests {
             at: Stamp(40),
         };
         tick.output.pen_refused = Some(future);
-        assert!(told(&tick).contains("the time of day?"), "{}", told(&tick));
+        assert!(text(&tick).contains("the time of day?"), "{}", text(&tick));
     }
 }

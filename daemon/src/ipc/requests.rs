@@ -17,9 +17,9 @@ use foretrace_shm::{
 
 use super::IpcLinks;
 use super::homeward::Homeward;
-use crate::rt::facts::{Answered, Asked};
+use crate::rt::facts::{LoopAnswer, LoopRequest};
 use crate::rt::tick::IpcRings;
-use crate::wire::{self, Asked as Meaning, Refused};
+use crate::wire::{self, Refused, RequestRoute};
 
 /// Longest time an operator waits for the loop or the supervisor.
 pub const PATIENCE: Duration = Duration::from_secs(2);
@@ -27,7 +27,7 @@ pub const PATIENCE: Duration = Duration::from_secs(2);
 /// Longest time for a reload: a check may be under way, and another one follows it.
 pub const RELOAD_PATIENCE: Duration = Duration::from_secs(10);
 
-/// A request to reload a settings file; the answer is one line for people.
+/// A request to reload a settings file; the answer is one readable line.
 #[derive(Debug)]
 pub struct ReloadRequest {
     /// Receiver of the outcome.
@@ -37,7 +37,6 @@ pub struct ReloadRequest {
 /// How a reload ended.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ReloadOutcome {
-    /// Its kind.
     pub status: ControlStatus,
     /// What changed, or what is wrong.
     pub text: String,
@@ -51,21 +50,20 @@ enum Asker {
     Settings(Request),
 }
 
-/// Open requests.
 #[derive(Debug)]
-pub struct Requests {
+pub struct OpenRequests {
     reload: Sender<ReloadRequest>,
     next_token: u64,
     at_loop: Vec<(u64, Instant, Asker)>,
     at_supervisor: Vec<(Instant, Call, Receiver<ReloadOutcome>)>,
     answered: u64,
     refused: u64,
-    known: Known,
+    context: RefusalContext,
 }
 
 /// What is known of the arm and explains a refusal.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Known {
+pub struct RefusalContext {
     /// The newest refused joint state, which may be why there is none.
     pub joints_refused: Option<Refused>,
     /// What the arm's process says of its arm.
@@ -74,8 +72,8 @@ pub struct Known {
     pub stop: Option<(FaultReason, StopDetail)>,
 }
 
-impl Known {
-    /// Why what was sent at `sent_ns` is refused, where the refusal alone does not tell.
+impl RefusalContext {
+    /// Why what was sent at `sent_ns` is refused, where the refusal alone does not say.
     fn why(&self, refusal: Refusal, sent_ns: u64) -> Option<String> {
         match refusal {
             Refusal::NoJointState | Refusal::JointStateStale => {
@@ -88,7 +86,7 @@ impl Known {
                 Some(note.to_do().map_or(text.clone(), |to_do| format!("{text}; {to_do}")))
             }
             Refusal::StopCame => {
-                // One that is older is not why, and of a request there is no more to tell.
+                // One that is older is not why, and of a request there is no more to say.
                 let came = |(reason, detail): &(FaultReason, StopDetail)| {
                     *reason != FaultReason::Requested && detail.at_ns >= sent_ns
                 };
@@ -102,7 +100,7 @@ impl Known {
     }
 }
 
-impl Requests {
+impl OpenRequests {
     /// Reloads go to the supervisor through `reload`.
     #[must_use]
     pub fn new(reload: Sender<ReloadRequest>) -> Self {
@@ -113,16 +111,16 @@ impl Requests {
             at_supervisor: Vec::new(),
             answered: 0,
             refused: 0,
-            known: Known::default(),
+            context: RefusalContext::default(),
         }
     }
 
     /// Refusals from here on are explained by this.
-    pub const fn explain_by(&mut self, known: Known) {
-        self.known = known;
+    pub const fn explain_by(&mut self, context: RefusalContext) {
+        self.context = context;
     }
 
-    /// Requests answered so far, and how many of them with a refusal.
+    /// OpenRequests answered so far, and how many of them with a refusal.
     #[must_use]
     pub const fn counts(&self) -> (u64, u64) {
         (self.answered, self.refused)
@@ -135,7 +133,7 @@ impl Requests {
         for call in std::iter::from_fn(|| server.take()).take(16) {
             self.take(call, rings, mode, trust);
         }
-        while let Ok(answer) = rings.answered.pop() {
+        while let Ok(answer) = rings.answers.pop() {
             self.loop_answered(&answer, homeward);
         }
         self.supervisor_answered(mode, trust);
@@ -153,17 +151,17 @@ impl Requests {
         if let Err(ahead) = call.request.check_date(monotonic_now_ns()) {
             return self.answer(call, ControlStatus::Invalid, mode, trust, &ahead.to_string());
         }
-        match wire::asked(&call.request) {
-            Meaning::Query => self.answer(call, ControlStatus::Ok, mode, trust, ""),
-            Meaning::UnknownPredictor => {
+        match wire::route(&call.request) {
+            RequestRoute::Query => self.answer(call, ControlStatus::Ok, mode, trust, ""),
+            RequestRoute::UnknownPredictor => {
                 let text = wire::unknown_predictor(&call.request);
                 self.answer(call, ControlStatus::PredictorUnavailable, mode, trust, &text);
             }
-            Meaning::Unsupported => {
+            RequestRoute::Unsupported => {
                 let text = "this daemon does not know how to do that";
                 self.answer(call, ControlStatus::Unsupported, mode, trust, text);
             }
-            Meaning::Reload => {
+            RequestRoute::Reload => {
                 let (answer, outcome) = channel::bounded(1);
                 if self.reload.try_send(ReloadRequest { answer }).is_ok() {
                     self.at_supervisor.push((Instant::now(), call, outcome));
@@ -171,7 +169,7 @@ impl Requests {
                     self.answer(call, ControlStatus::Busy, mode, trust, "another reload is under way");
                 }
             }
-            Meaning::Loop(request) => {
+            RequestRoute::Loop(request) => {
                 if let Err(Asker::Operator(call)) =
                     self.ask_loop(request, Asker::Operator(Box::new(call)), rings)
                 {
@@ -184,14 +182,14 @@ impl Requests {
     fn ask_loop(&mut self, request: Request, asker: Asker, rings: &mut IpcRings) -> Result<(), Asker> {
         let token = self.next_token;
         let stamp = monotonic_now_ns();
-        // Requests of the supervisor are sent now; what little an operator's clock is ahead is taken off.
+        // OpenRequests of the supervisor are sent now; what little an operator's clock is ahead is taken off.
         let sent = match &asker {
             Asker::Operator(call) => call.request.sent_ns.min(stamp),
             Asker::Settings(_) => stamp,
         };
-        let asked = Asked { token, request, stamp: Stamp(stamp), sent: Stamp(sent) };
+        let asked = LoopRequest { token, request, stamp: Stamp(stamp), sent: Stamp(sent) };
         // The ring of answers has room for as many as requests: never more in flight than that.
-        if self.at_loop.len() >= rings.answered.buffer().capacity() || rings.asked.push(asked).is_err() {
+        if self.at_loop.len() >= rings.answers.buffer().capacity() || rings.requests.push(asked).is_err() {
             return Err(asker);
         }
         self.next_token += 1;
@@ -199,9 +197,9 @@ impl Requests {
         Ok(())
     }
 
-    fn loop_answered(&mut self, answer: &Answered, homeward: &Homeward) {
-        let Some(place) = self.at_loop.iter().position(|(token, ..)| *token == answer.token) else { return };
-        let (_, _, asker) = self.at_loop.swap_remove(place);
+    fn loop_answered(&mut self, answer: &LoopAnswer, homeward: &Homeward) {
+        let Some(slot) = self.at_loop.iter().position(|(token, ..)| *token == answer.token) else { return };
+        let (_, _, asker) = self.at_loop.swap_remove(slot);
         match (asker, answer.outcome) {
             (Asker::Operator(call), Ok(())) => {
                 // Motion takes time; everything else is done with the tick.
@@ -217,7 +215,7 @@ impl Requests {
                 let (status, text) = wire::refusal(refusal);
                 let text = match refusal {
                     Refusal::WayBlocked(by) => homeward.obstructed(&by),
-                    other => self.known.why(other, call.request.sent_ns).unwrap_or_else(|| text.to_owned()),
+                    other => self.context.why(other, call.request.sent_ns).unwrap_or_else(|| text.to_owned()),
                 };
                 self.answer(*call, status, answer.mode, answer.trust, &text);
             }
@@ -241,8 +239,8 @@ impl Requests {
     }
 
     fn overdue(&mut self, mode: Mode, trust: Trust) {
-        while let Some(place) = self.at_loop.iter().position(|(_, since, _)| since.elapsed() > PATIENCE) {
-            if let (_, _, Asker::Operator(call)) = self.at_loop.swap_remove(place) {
+        while let Some(slot) = self.at_loop.iter().position(|(_, since, _)| since.elapsed() > PATIENCE) {
+            if let (_, _, Asker::Operator(call)) = self.at_loop.swap_remove(slot) {
                 self.answer(*call, ControlStatus::Internal, mode, trust, "the loop did not answer in time");
             }
         }
@@ -279,8 +277,11 @@ mod tests {
             limit: -0.002,
             at_ns: 70,
         };
-        let known =
-            Known { note: Some(note), stop: Some((FaultReason::Envelope, detail)), ..Known::default() };
+        let known = RefusalContext {
+            note: Some(note),
+            stop: Some((FaultReason::Envelope, detail)),
+            ..RefusalContext::default()
+        };
         let why = |refusal, sent_ns| known.why(refusal, sent_ns);
         assert_eq!(
             why(Refusal::MotionNotAllowed, 0).unwrap(),
@@ -291,11 +292,11 @@ mod tests {
                 .unwrap()
                 .starts_with("the arm was stopped: tool envelope: the tool is -40")
         );
-        // A stop from before the request is not why, nor is there more to tell of one that was requested.
+        // A stop from before the request is not why, nor is there more to say of one that was requested.
         assert_eq!(why(Refusal::StopCame, 71), None);
-        let asked = Known { stop: Some((FaultReason::Requested, detail)), ..known };
+        let asked = RefusalContext { stop: Some((FaultReason::Requested, detail)), ..known };
         assert_eq!(asked.why(Refusal::StopCame, 60), None);
         assert_eq!(why(Refusal::ArmMoves, 0), None);
-        assert_eq!(Known::default().why(Refusal::MotionNotAllowed, 0), None);
+        assert_eq!(RefusalContext::default().why(Refusal::MotionNotAllowed, 0), None);
     }
 }

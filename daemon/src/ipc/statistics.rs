@@ -20,7 +20,6 @@ pub struct Spreads {
 }
 
 impl Spreads {
-    /// Empty.
     #[must_use]
     pub fn new() -> Self {
         // The crate accepts these constant bounds; without histograms there would be no percentiles.
@@ -28,7 +27,6 @@ impl Spreads {
         Self { stages: one.into_iter().cycle().take(STAGES).collect() }
     }
 
-    /// Adds one tick.
     pub fn add(&mut self, times: &StageTimes) {
         for (histogram, (_, ns)) in self.stages.iter_mut().zip(record::stages(times)) {
             histogram.saturating_record(ns.max(1));
@@ -38,16 +36,18 @@ impl Spreads {
     /// The spreads so far, in the order of the stages.
     #[must_use]
     pub fn percentiles(&self) -> [Percentiles; STAGES] {
-        let mut all = [Percentiles::default(); STAGES];
-        for (spread, histogram) in all.iter_mut().zip(&self.stages) {
-            // An empty histogram has no quantiles; the upper edge of a bin may exceed its largest value.
-            let max = histogram.max();
-            let at = |quantile| histogram.value_at_quantile(quantile).min(max) as u32;
-            *spread =
-                Percentiles { p50_ns: at(0.5), p99_ns: at(0.99), p99_9_ns: at(0.999), max_ns: max as u32 };
-        }
-        all
+        let mut stages = self.stages.iter();
+        std::array::from_fn(|_| stages.next().map(percentiles).unwrap_or_default())
     }
+}
+
+/// The percentiles of a distribution \[ns\]; zero without values.
+pub fn percentiles(spread: &Histogram<u64>) -> Percentiles {
+    let saturated = |ns: u64| u32::try_from(ns).unwrap_or(u32::MAX);
+    // The upper edge of a bin may exceed its largest value.
+    let max = spread.max();
+    let at = |quantile| saturated(spread.value_at_quantile(quantile).min(max));
+    Percentiles { p50_ns: at(0.5), p99_ns: at(0.99), p99_9_ns: at(0.999), max_ns: saturated(max) }
 }
 
 impl Default for Spreads {
@@ -86,7 +86,6 @@ pub struct RunningRms {
 }
 
 impl RunningRms {
-    /// Empty.
     #[must_use]
     pub const fn new(memory: f64) -> Self {
         Self { memory, count: 0.0, square: 0.0 }

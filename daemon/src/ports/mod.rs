@@ -4,7 +4,6 @@
 //! passes on domain types only. Neither call blocks; neither allocates while the set of connected peers stays
 //! the same.
 
-pub mod memory;
 pub mod shm;
 
 use foretrace_control::contact::EffortReading;
@@ -22,18 +21,15 @@ pub const PEN_PER_TICK: usize = 64;
 pub struct Inbox {
     pen: [PenReading; PEN_PER_TICK],
     pen_count: usize,
-    /// Newest joint state.
     pub joints: Option<JointReading<JOINTS>>,
     /// Efforts of that joint state, where the arm reports any.
     pub effort: Option<EffortReading<JOINTS>>,
     /// The echo in that joint state, if any.
     pub echo: Option<Echo>,
-    /// Newest dead-man message.
     pub enable: Option<EnableReading>,
 }
 
 impl Inbox {
-    /// Empty.
     #[must_use]
     pub const fn empty() -> Self {
         let nothing = PenReading::new(Stamp(0), [0.0; 2], false);
@@ -47,7 +43,6 @@ impl Inbox {
         }
     }
 
-    /// Forgets everything.
     pub const fn clear(&mut self) {
         self.pen_count = 0;
         self.joints = None;
@@ -88,13 +83,11 @@ pub struct PortTally {
     pub pen_deferred: u64,
     /// Pen samples refused, by reason.
     pub pen_rejected: [u64; REJECT_REASONS],
-    /// Joint states accepted.
     pub joints_received: u64,
     /// Joint states missing in the sender's sequence.
     pub joints_dropped: u64,
     /// Joint states refused, by reason.
     pub joints_rejected: [u64; REJECT_REASONS],
-    /// Dead-man messages refused.
     pub enable_rejected: u64,
     /// Dead-man messages missing in the sender's sequence.
     pub enable_dropped: u64,
@@ -110,7 +103,6 @@ pub struct PortTally {
     pub arm_line: ArmLine,
     /// Number of the note of the arm's process that its newest joint state names; 0: none.
     pub arm_note: u32,
-    /// Commands sent.
     pub commands_sent: u64,
     /// Commands that could not be sent.
     pub commands_failed: u64,

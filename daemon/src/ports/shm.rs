@@ -2,7 +2,7 @@
 //!
 //! Contract: ports are made in the thread that uses them. The real-time ends neither block nor allocate
 //! unless a peer came or went since the last call (then 20 to 40 allocations and about 100 us, which cannot
-//! be avoided; see [`PeerWatch`] for how they are told apart).
+//! be avoided; see [`PeerWatch`] for how they are distinguished).
 
 use iceoryx2::prelude::{CallbackProgression, Config, Node, NodeBuilder, SignalHandlingMode, ipc};
 use iceoryx2::service::port_factory::PortFactory as _;
@@ -112,7 +112,6 @@ fn refused<T: Message>(subscriber: &Subscriber<T>) -> Option<Refused> {
 pub struct IpcPorts {
     /// Tick records for telemetry.
     pub telemetry: Publisher<shm::TickRecord>,
-    /// Status to everybody.
     pub status: Publisher<shm::Status>,
     /// Inputs of the ticks for recordings.
     pub inputs: Publisher<shm::TickInput>,
@@ -120,9 +119,7 @@ pub struct IpcPorts {
     pub pieces: Publisher<shm::Piece>,
     /// What the arm's process says of its arm.
     pub notes: Subscriber<shm::ArmNote>,
-    /// Requests from operators.
     pub control: ControlServer,
-    /// The connected peers.
     pub watch: PeerWatch,
     config: Config,
 }

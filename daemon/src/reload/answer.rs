@@ -12,20 +12,20 @@ use foretrace_config::files::Taken;
 pub(super) const LONGEST: usize = 64 << 20;
 /// Longest reason \[bytes\].
 const LONGEST_REASON: usize = 64 << 10;
-/// The first bytes of an answer, and the last ones: a child that dies has not said the latter.
+/// The first bytes of an answer, and the last ones: a child that dies has not sent the latter.
 const BEGIN: &[u8] = b"foretrace settings ";
 const END: &[u8] = b" all";
 
 /// The outcome of a check.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) enum Answer {
+pub(super) enum CheckAnswer {
     /// Good settings: what was read for them.
     Good(Taken),
-    /// Wrong ones: why.
+    /// Why they cannot be used.
     Refused(String),
 }
 
-impl Answer {
+impl CheckAnswer {
     pub(super) fn to_bytes(&self) -> Vec<u8> {
         let mut bytes = BEGIN.to_vec();
         let mut field = |field: &[u8]| {
@@ -81,18 +81,18 @@ mod tests {
     #[test]
     fn answers_are_read_back_and_every_cut_or_wrong_length_gives_none() {
         let files = [("/a", b"one".to_vec()), ("b c", vec![]), ("/a.bin", vec![0; 300])];
-        let good = Answer::Good(files.map(|(path, bytes)| (path.into(), bytes)).into());
-        for answer in [good, Answer::Refused("é: no".to_owned()), Answer::Good(Taken::new())] {
+        let good = CheckAnswer::Good(files.map(|(path, bytes)| (path.into(), bytes)).into());
+        for answer in [good, CheckAnswer::Refused("é: no".to_owned()), CheckAnswer::Good(Taken::new())] {
             let bytes = answer.to_bytes();
-            assert_eq!(Answer::from_bytes(&bytes), Some(answer));
+            assert_eq!(CheckAnswer::from_bytes(&bytes), Some(answer));
             for cut in 0..bytes.len() {
-                assert_eq!(Answer::from_bytes(&bytes[..cut]), None, "{cut}");
+                assert_eq!(CheckAnswer::from_bytes(&bytes[..cut]), None, "{cut}");
             }
             let mut forged = bytes.clone();
             forged[BEGIN.len()..BEGIN.len() + 8].copy_from_slice(&u64::MAX.to_le_bytes());
-            assert_eq!(Answer::from_bytes(&forged), None);
+            assert_eq!(CheckAnswer::from_bytes(&forged), None);
         }
-        let long = Answer::Refused("x".repeat(1 << 20)).to_bytes();
-        assert!(long.len() < 2 * LONGEST_REASON && Answer::from_bytes(&long).is_some());
+        let long = CheckAnswer::Refused("x".repeat(1 << 20)).to_bytes();
+        assert!(long.len() < 2 * LONGEST_REASON && CheckAnswer::from_bytes(&long).is_some());
     }
 }

@@ -1,4 +1,4 @@
-//! The other side: a process that reads settings for the daemon, says what it read, and ends.
+//! The other side: a process that reads settings for the daemon, sends what it read, and ends.
 //!
 //! Contract: begins before anything else of the program. It holds nothing of the daemon's, dies with it, and
 //! has less stack and less memory than the daemon itself, so that what it survives the daemon does.
@@ -9,7 +9,7 @@ use std::process::ExitCode;
 
 use foretrace_config::files::Files;
 
-use super::answer::Answer;
+use super::answer::CheckAnswer;
 use crate::options::{Base, Source};
 use crate::rt::os;
 
@@ -32,19 +32,19 @@ pub fn child() -> Option<ExitCode> {
     let work = move || {
         let files = Files::kept();
         match source.load_from(&files) {
-            Ok(_) => Answer::Good(files.taken()),
-            Err(error) => Answer::Refused(error.to_string()),
+            Ok(_) => CheckAnswer::Good(files.taken()),
+            Err(error) => CheckAnswer::Refused(error.to_string()),
         }
     };
     let thread = std::thread::Builder::new().stack_size(STACK_BYTES).spawn(work);
-    let said = thread.map(std::thread::JoinHandle::join).is_ok_and(|answer| {
+    let sent = thread.map(std::thread::JoinHandle::join).is_ok_and(|answer| {
         answer.is_ok_and(|answer| std::io::stdout().write_all(&answer.to_bytes()).is_ok())
     });
-    let said = said && std::io::stdout().flush().is_ok();
-    Some(if said { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+    let sent = sent && std::io::stdout().flush().is_ok();
+    Some(if sent { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
-/// Memory and source that the arguments tell of; `None`: they are those of another process.
+/// Memory and source that the arguments name; `None`: they are those of another process.
 pub(super) fn asked(mut words: impl Iterator<Item = OsString>) -> Option<(Option<u64>, Source)> {
     if words.next()? != WORD {
         return None;

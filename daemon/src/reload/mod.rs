@@ -25,7 +25,7 @@ use foretrace_config::files::{Files, Taken};
 use crate::ipc::requests::ReloadOutcome;
 use crate::limits;
 use crate::options::{Base, Reading, Source};
-use answer::Answer;
+use answer::CheckAnswer;
 pub use child::child;
 
 /// Longest check, which takes some tens of milliseconds; less than an operator's patience.
@@ -56,7 +56,7 @@ pub struct Reloads {
 pub type Read = (Result<Config, String>, Vec<Sender<ReloadOutcome>>);
 
 impl Reloads {
-    /// Notes a request; gives the place for its answer back if too many wait.
+    /// Notes a request; gives the channel for its answer back if too many wait.
     pub fn ask(&mut self, answer: Option<Sender<ReloadOutcome>>) -> Option<Sender<ReloadOutcome>> {
         self.wanted = true;
         match answer {
@@ -126,7 +126,7 @@ impl Check {
 /// The process that checks the settings of `source`.
 fn checker(source: &Source) -> Command {
     let mut command = Command::new("/proc/self/exe");
-    // Only the daemon tells the service manager anything.
+    // Only the daemon notifies the service manager.
     command
         .arg0("foretrace-check")
         .args(words(source, limits::address_space_left()))
@@ -144,8 +144,8 @@ fn checked(mut command: Command, longest: Duration) -> Result<Taken, String> {
     let mut child = command.spawn().map_err(failed)?;
     // It holds the other end of the pipe, which would never end.
     drop(command);
-    let bytes = heard(ours, until);
-    // It has said all that it will, or says too much, or takes too long.
+    let bytes = output_of(ours, until);
+    // It has sent all that it will, or sends too much, or takes too long.
     let ended = ended(&mut child, if bytes.is_ok() { until } else { Instant::now() });
     let status = match (&bytes, ended) {
         (Err(why), _) => return Err(why.clone()),
@@ -155,20 +155,20 @@ fn checked(mut command: Command, longest: Duration) -> Result<Taken, String> {
     if !status.success() {
         return Err(fallen(status));
     }
-    match bytes.ok().and_then(|bytes| Answer::from_bytes(&bytes)) {
-        Some(Answer::Good(taken)) => Ok(taken),
-        Some(Answer::Refused(why)) => Err(why),
+    match bytes.ok().and_then(|bytes| CheckAnswer::from_bytes(&bytes)) {
+        Some(CheckAnswer::Good(taken)) => Ok(taken),
+        Some(CheckAnswer::Refused(why)) => Err(why),
         None => Err("the process that checks them said something that makes no sense".to_owned()),
     }
 }
 
-/// All that a child says, until it ends.
-fn heard(mut from: UnixStream, until: Instant) -> Result<Vec<u8>, String> {
-    let (mut bytes, mut piece) = (Vec::new(), vec![0; 1 << 16]);
+/// All that a child sends, until it ends.
+fn output_of(mut from: UnixStream, until: Instant) -> Result<Vec<u8>, String> {
+    let (mut bytes, mut chunk) = (Vec::new(), vec![0; 1 << 16]);
     loop {
-        match from.read(&mut piece) {
+        match from.read(&mut chunk) {
             Ok(0) => return Ok(bytes),
-            Ok(count) => bytes.extend_from_slice(piece.get(..count).unwrap_or_default()),
+            Ok(count) => bytes.extend_from_slice(chunk.get(..count).unwrap_or_default()),
             Err(error) if matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted) => {}
             Err(error) => return Err(format!("the process that checks them cannot be heard: {error}")),
         }
@@ -204,7 +204,7 @@ fn late() -> String {
     format!("reading them takes longer than {} s", LONGEST_CHECK.as_secs())
 }
 
-/// Why a child that said nothing useful ended.
+/// Why a child that sent nothing useful ended.
 fn fallen(status: ExitStatus) -> String {
     let how = match status.signal() {
         Some(libc::SIGXCPU) => format!("takes more than {} s of processor time", child::LONGEST_CPU_S),
@@ -294,11 +294,11 @@ mod tests {
             ("printf 'foretrace settings  all'", long, "makes no sense"),
         ] {
             let begin = Instant::now();
-            let told = checked(shell(script), longest).unwrap_err();
-            assert!(told.contains(words), "{script}: {told}");
+            let why = checked(shell(script), longest).unwrap_err();
+            assert!(why.contains(words), "{script}: {why}");
             assert!(begin.elapsed() < longest + 2 * ENDING, "{script}: {:?}", begin.elapsed());
         }
-        let told = checked(Command::new("/nowhere"), long).unwrap_err();
-        assert!(told.contains("no process for the check can be started"), "{told}");
+        let why = checked(Command::new("/nowhere"), long).unwrap_err();
+        assert!(why.contains("no process for the check can be started"), "{why}");
     }
 }

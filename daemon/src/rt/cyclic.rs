@@ -43,7 +43,6 @@ pub struct Wake {
     /// When the tick was allowed to start: `due`, or the last release before the wait ended, if that was too
     /// late.
     pub release: Stamp,
-    /// When it started.
     pub started: Stamp,
     /// Whole periods skipped just before this one.
     pub skipped: u64,

@@ -12,21 +12,19 @@ use crate::wire::{Echo, Given, JOINTS};
 /// Duration of each part of a tick \[ns\].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct StageTimes {
-    /// Release to start.
+    /// From the release to the start of the tick.
     pub wakeup: u64,
-    /// Receive, requests, weights.
+    /// Receiving, requests and weights, until the decision on the budget.
     pub receive: u64,
     /// Requests, joint states and pen samples onto the grid.
     pub pen: u64,
-    /// Trust and preview.
+    /// Trust, and the preview of the pen's path.
     pub predict: u64,
-    /// Reference and plan.
+    /// The tool's reference, and its plan.
     pub mpc: u64,
-    /// Inverse kinematics.
     pub ik: u64,
     /// Guard and record keeping.
     pub guard: u64,
-    /// Sending the command.
     pub send: u64,
     /// Start to command sent.
     pub step: u64,
@@ -79,7 +77,6 @@ impl<'a, C: Clock> LapClock<'a, C> {
         self.last
     }
 
-    /// The durations.
     #[must_use]
     pub const fn times(&self) -> StageTimes {
         self.times
@@ -102,11 +99,10 @@ impl<C: Clock> StageClock for LapClock<'_, C> {
 /// Counts of the loop since its start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct LoopTally {
-    /// Ticks run.
     pub ticks: u64,
     /// Ticks that ended after their deadline.
     pub overruns: u64,
-    /// Whole periods skipped.
+    /// Whole periods without a tick.
     pub skipped: u64,
     /// Ticks with a shed budget.
     pub shed: u64,
@@ -137,11 +133,9 @@ pub struct LoopTally {
 pub struct TickFacts {
     /// Number of the tick, from 1, without skipped ones.
     pub tick: u64,
-    /// When it started.
     pub wake: Wake,
     /// When its command had been sent.
     pub finished: Stamp,
-    /// Its deadline.
     pub deadline: Stamp,
     /// Durations of its parts.
     pub times: StageTimes,
@@ -161,7 +155,6 @@ pub struct TickFacts {
     pub port_allocations: u32,
     /// Allocations in this tick anywhere else.
     pub law_allocations: u32,
-    /// The law's output.
     pub output: StepOutput<JOINTS>,
     /// Totals of the loop.
     pub tally: LoopTally,
@@ -172,29 +165,24 @@ pub struct TickFacts {
 /// A pen sample and the tick that got it.
 #[derive(Debug, Clone, Copy)]
 pub struct SeenPen {
-    /// The tick.
     pub tick: u64,
-    /// The sample.
     pub reading: PenReading,
 }
 
 /// The state of the law after a tick.
 #[derive(Debug)]
 pub struct StateCopy {
-    /// The tick.
     pub tick: u64,
     /// Bytes used; `None` if the state found no room, or cannot be written.
     pub length: Option<usize>,
-    /// The memory.
     pub bytes: Box<[u8]>,
 }
 
 /// A request on its way to the loop.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Asked {
+pub struct LoopRequest {
     /// Returned with the answer.
     pub token: u64,
-    /// The request.
     pub request: Request,
     /// When it was received.
     pub stamp: Stamp,
@@ -202,11 +190,11 @@ pub struct Asked {
     pub sent: Stamp,
 }
 
-/// A loop that stood still for longer must not carry out what the operator was told has failed \[ns\]; below
-/// the ipc thread's patience.
+/// A loop that stood still for longer must not carry out what was reported to the operator as failed \[ns\];
+/// below the ipc thread's patience.
 const REQUEST_LIFE_NS: i64 = 1_000_000_000;
 
-impl Asked {
+impl LoopRequest {
     /// Whether a request to take charge was sent before a stop at `stopped`, which it must not undo.
     #[must_use]
     pub fn is_overtaken(&self, stopped: Stamp) -> bool {
@@ -220,9 +208,9 @@ impl Asked {
     }
 }
 
-/// The loop's answer.
+/// The loop's answer to a [`LoopRequest`].
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Answered {
+pub struct LoopAnswer {
     /// Token of the request.
     pub token: u64,
     /// Whether it was carried out.

@@ -15,7 +15,6 @@ pub fn handover<T>(capacity: usize) -> (Outbox<T>, Mailbox<T>) {
     (Outbox { ring: ring_in, due: false }, Mailbox { ring })
 }
 
-/// The learner's end.
 #[derive(Debug)]
 pub struct Outbox<T> {
     ring: Producer<T>,
@@ -39,7 +38,6 @@ impl<T> Outbox<T> {
     }
 }
 
-/// The loop's end.
 #[derive(Debug)]
 pub struct Mailbox<T> {
     ring: Consumer<T>,

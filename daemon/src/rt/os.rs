@@ -30,7 +30,7 @@ pub enum Right {
 /// A refused right: which, why, and the remedy.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Missing {
-    /// The right.
+    /// What was refused.
     pub right: Right,
     /// One line for the operator, remedy included.
     pub text: String,
@@ -45,19 +45,21 @@ impl fmt::Display for Missing {
 /// CLOCK_MONOTONIC now \[ns\].
 #[must_use]
 pub fn monotonic_ns() -> u64 {
-    let mut time = libc::timespec { tv_sec: 0, tv_nsec: 0 };
-    // SAFETY: `time` is valid for writing; CLOCK_MONOTONIC exists on every Linux, so the call cannot fail.
-    unsafe { libc::clock_gettime(libc::CLOCK_MONOTONIC, &raw mut time) };
-    (time.tv_sec as u64).saturating_mul(1_000_000_000).saturating_add(time.tv_nsec as u64)
+    clock_ns(libc::CLOCK_MONOTONIC)
 }
 
 /// Processor time of the calling thread so far \[ns\].
 #[must_use]
 pub fn thread_cpu_ns() -> u64 {
+    clock_ns(libc::CLOCK_THREAD_CPUTIME_ID)
+}
+
+/// A clock that every Linux has.
+#[inline]
+fn clock_ns(clock: libc::clockid_t) -> u64 {
     let mut time = libc::timespec { tv_sec: 0, tv_nsec: 0 };
-    // SAFETY: `time` is valid for writing; CLOCK_THREAD_CPUTIME_ID exists on every Linux, so the call cannot
-    // fail.
-    unsafe { libc::clock_gettime(libc::CLOCK_THREAD_CPUTIME_ID, &raw mut time) };
+    // SAFETY: `time` is valid for writing; the call cannot fail for a clock that exists.
+    unsafe { libc::clock_gettime(clock, &raw mut time) };
     (time.tv_sec as u64).saturating_mul(1_000_000_000).saturating_add(time.tv_nsec as u64)
 }
 

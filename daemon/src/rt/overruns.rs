@@ -1,12 +1,15 @@
-//! The budget of late ticks: first half spent on shedding work, then on the arm's stop.
+//! The policy on late ticks: what a tick may spend, and when the arm stops because too many were late.
 //!
 //! Contract: pure, fixed memory, no clock. A period is late if its tick's own work took longer than the
 //! period, or if it was skipped because of such a tick. Wake-ups delayed by other programs do not count,
 //! because they pass by themselves while an overload does not. Ticks with a shed solve are neutral: they do
-//! not show whether the loop can keep its rate.
+//! not show whether the loop can keep its rate. The first half of the budget of late ticks is spent on
+//! shedding work, then the arm stops.
 
 use foretrace_control::stop::{StopCause, StopDetail};
 use foretrace_control::units::Stamp;
+
+use super::cyclic::Wake;
 
 /// The longest window \[periods\]: two seconds at 1000 Hz.
 pub const MAX_WINDOW: usize = 2048;
@@ -22,96 +25,117 @@ pub struct OverrunLimit {
 }
 
 impl OverrunLimit {
-    /// No limit.
+    /// No number of late ticks stops the arm.
     pub const NONE: Self = Self { share: f64::INFINITY, window: MAX_WINDOW };
 }
 
-/// How a tick handled its solve.
+/// How a tick handles its solve.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Solve {
-    /// Solved as usual.
     Done,
     /// Shed, as too little time was left in the period.
     ShedForTime,
-    /// Shed by the budget.
+    /// Shed, as more than half of the budget of late ticks is spent.
     ShedForRelief,
 }
 
-/// The budget's verdict.
+/// The decision on a tick before its step.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Verdict {
-    /// Continue.
-    Fine,
-    /// More than half of the budget is spent: solve in every second tick only.
-    Shed,
-    /// The budget is spent: stop.
-    Stop(StopDetail),
+pub struct OverrunDecision {
+    /// Whether the tick solves.
+    pub solve: Solve,
+    /// The evidence for a stop, where the budget is spent.
+    pub stop: Option<StopDetail>,
 }
 
-/// The newest periods, and how many of them were late.
+/// The newest periods, how many of them were late, and what a step usually costs.
 #[derive(Debug, Clone)]
-pub struct OverrunBudget {
+pub struct Overruns {
     limit: OverrunLimit,
+    period_ns: u64,
+    /// Decaying maximum of the duration of a tick that solved \[ns\].
+    usual_cost_ns: u64,
     late: [u64; MAX_WINDOW / WORD],
-    place: usize,
+    slot: usize,
     sum: usize,
 }
 
-impl OverrunBudget {
-    /// An unspent budget; the window is clamped into its range.
+impl Overruns {
+    /// An unspent budget for ticks of `period_ns`; the window is clamped into its range.
     #[must_use]
-    pub fn new(limit: OverrunLimit) -> Self {
-        let window = limit.window.clamp(1, MAX_WINDOW);
-        let limit = OverrunLimit { window, ..limit };
-        Self { limit, late: [0; MAX_WINDOW / WORD], place: 0, sum: 0 }
+    pub fn new(limit: OverrunLimit, period_ns: u64) -> Self {
+        let limit = OverrunLimit { window: limit.window.clamp(1, MAX_WINDOW), ..limit };
+        let late = [0; MAX_WINDOW / WORD];
+        Self { limit, period_ns: period_ns.max(1), usual_cost_ns: 0, late, slot: 0, sum: 0 }
     }
 
     /// Resets the budget, at arming.
     pub const fn forget(&mut self) {
         self.late = [0; MAX_WINDOW / WORD];
-        self.place = 0;
+        self.slot = 0;
         self.sum = 0;
     }
 
-    /// Counts one tick, and `skipped` periods before it without a tick.
-    pub fn count(&mut self, skipped: u64, late: bool, solve: Solve) {
-        // A longer gap fills the window once; whether it was too long for the arm is
-        // `safety.latch_after_ms`'s to decide.
-        for _ in 0..skipped.min(self.limit.window as u64) {
-            self.push(true);
-        }
-        match solve {
-            Solve::ShedForRelief => {}
-            Solve::ShedForTime if !late => {}
-            Solve::ShedForTime | Solve::Done => self.push(late),
-        }
+    /// Decides on tick number `tick` that `wake` began, at `now`.
+    ///
+    /// Sheds the solve if less time is left than a tick usually takes; half a period is always enough, so
+    /// that a slow solver is not shed for ever. A loop that has spent half of its budget solves in every
+    /// second tick.
+    #[must_use]
+    pub fn decide(&self, wake: &Wake, now: Stamp, tick: u64) -> OverrunDecision {
+        let (share, limit) = (self.share(), self.limit.share);
+        let stop = (share > limit).then_some(StopDetail {
+            cause: StopCause::LateTicks,
+            joint: None,
+            amount: share,
+            limit,
+            at: wake.release,
+        });
+        let relief = stop.is_none() && 2.0 * share > limit;
+        let left_ns = wake.deadline(self.period_ns).0.saturating_sub(now.0);
+        let solve = if relief && tick.is_multiple_of(2) {
+            Solve::ShedForRelief
+        } else if left_ns < self.usual_cost_ns.min(self.period_ns / 2) {
+            Solve::ShedForTime
+        } else {
+            Solve::Done
+        };
+        OverrunDecision { solve, stop }
     }
 
-    /// The verdict at `now`, with evidence for a stop.
-    #[must_use]
-    pub fn verdict(&self, now: Stamp) -> Verdict {
-        let share = self.share();
-        if share > self.limit.share {
-            let (cause, limit) = (StopCause::LateTicks, self.limit.share);
-            return Verdict::Stop(StopDetail { cause, joint: None, amount: share, limit, at: now });
+    /// Counts the tick that `wake` began and that ended at `finished`, and the periods lost before it.
+    pub fn count(&mut self, wake: &Wake, finished: Stamp, solve: Solve) {
+        // Time that a busy machine takes from the sleeping loop is not its own work: that delay passes by
+        // itself.
+        let overslept = wake.release.0.saturating_sub(wake.due.0) / self.period_ns;
+        // A longer gap fills the window once; whether it was too long for the arm is
+        // `safety.latch_after_ms`'s to decide.
+        for _ in 0..wake.skipped.saturating_sub(overslept).min(self.limit.window as u64) {
+            self.push(true);
         }
-        if 2.0 * share > self.limit.share { Verdict::Shed } else { Verdict::Fine }
+        let cost_ns = finished.0.saturating_sub(wake.started.0);
+        let late = cost_ns > self.period_ns;
+        if solve == Solve::Done || solve == Solve::ShedForTime && late {
+            self.push(late);
+        }
+        if solve == Solve::Done {
+            self.usual_cost_ns = (self.usual_cost_ns - self.usual_cost_ns / 64).max(cost_ns);
+        }
     }
 
     /// Late periods in the window; periods before the first tick count as on time.
-    #[must_use]
-    pub fn share(&self) -> f64 {
+    fn share(&self) -> f64 {
         self.sum as f64 / self.limit.window as f64
     }
 
     fn push(&mut self, late: bool) {
-        let bit = 1_u64 << (self.place % WORD);
-        if let Some(word) = self.late.get_mut(self.place / WORD) {
+        let bit = 1_u64 << (self.slot % WORD);
+        if let Some(word) = self.late.get_mut(self.slot / WORD) {
             self.sum -= usize::from(*word & bit != 0);
             *word = if late { *word | bit } else { *word & !bit };
             self.sum += usize::from(late);
         }
-        self.place = (self.place + 1) % self.limit.window;
+        self.slot = (self.slot + 1) % self.limit.window;
     }
 }
 
@@ -119,8 +143,25 @@ impl OverrunBudget {
 mod tests {
     use super::*;
 
-    fn half_of(window: usize) -> OverrunBudget {
-        OverrunBudget::new(OverrunLimit { share: 0.5, window })
+    const PERIOD_NS: u64 = 2_000_000;
+    const RELEASE: Stamp = Stamp(10_000_000_000);
+
+    fn half_of(window: usize) -> Overruns {
+        Overruns::new(OverrunLimit { share: 0.5, window }, PERIOD_NS)
+    }
+
+    /// A tick that began in time, after `skipped` periods.
+    fn punctual(skipped: u64) -> Wake {
+        Wake { index: 0, due: RELEASE, release: RELEASE, started: RELEASE, skipped }
+    }
+
+    fn count(overruns: &mut Overruns, skipped: u64, late: bool, solve: Solve) {
+        overruns.count(&punctual(skipped), RELEASE.plus_ns(PERIOD_NS + u64::from(late)), solve);
+    }
+
+    /// The decision with the whole period left.
+    fn decide(overruns: &Overruns, tick: u64) -> OverrunDecision {
+        overruns.decide(&punctual(0), RELEASE, tick)
     }
 
     /// Pseudo-random in 0 to 99, uncorrelated with every second tick: splitmix64.
@@ -132,16 +173,14 @@ mod tests {
     }
 
     /// Ticks until a stop, with `late` deciding whether a tick, shed or not, is late.
-    fn ticks_to_stop(budget: &mut OverrunBudget, late: impl Fn(u64, bool) -> bool) -> Option<u64> {
+    fn ticks_to_stop(overruns: &mut Overruns, late: impl Fn(u64, bool) -> bool) -> Option<u64> {
         for tick in 0..10_000_u64 {
-            let verdict = budget.verdict(Stamp(tick));
-            if let Verdict::Stop(detail) = verdict {
-                assert!(detail.amount > detail.limit && detail.at == Stamp(tick), "{detail:?}");
+            let OverrunDecision { solve, stop } = decide(overruns, tick);
+            if let Some(detail) = stop {
+                assert!(detail.amount > detail.limit && detail.at == RELEASE, "{detail:?}");
                 return Some(tick);
             }
-            let shed = verdict == Verdict::Shed && tick % 2 == 0;
-            let solve = if shed { Solve::ShedForRelief } else { Solve::Done };
-            budget.count(0, late(tick, shed), solve);
+            count(overruns, 0, late(tick, solve != Solve::Done), solve);
         }
         None
     }
@@ -168,56 +207,115 @@ mod tests {
 
     #[test]
     fn a_solver_so_slow_that_every_second_tick_has_no_time_left_is_found_out() {
-        let mut budget = half_of(100);
+        let mut overruns = half_of(100);
         for _ in 0..51 {
-            budget.count(0, true, Solve::Done);
-            budget.count(0, false, Solve::ShedForTime);
+            count(&mut overruns, 0, true, Solve::Done);
+            count(&mut overruns, 0, false, Solve::ShedForTime);
         }
-        assert!(matches!(budget.verdict(Stamp(0)), Verdict::Stop(_)), "{}", budget.share());
+        assert!(decide(&overruns, 0).stop.is_some(), "{}", overruns.share());
     }
 
     #[test]
-    fn solves_are_shed_before_the_arm_is_stopped() {
-        let mut budget = half_of(100);
-        let mut order = Vec::new();
-        for tick in 0..60 {
-            let kind = match budget.verdict(Stamp(tick)) {
-                Verdict::Fine => 'f',
-                Verdict::Shed => 's',
-                Verdict::Stop(_) => 'x',
-            };
-            if order.last() != Some(&kind) {
-                order.push(kind);
-            }
-            budget.count(0, true, Solve::Done);
+    fn the_budget_is_spent_on_every_second_solve_from_its_half_on_and_on_a_stop_beyond_it() {
+        let mut overruns = half_of(100);
+        for late in 0..60 {
+            let even = decide(&overruns, 2 * late);
+            let wanted = if (26..=50).contains(&late) { Solve::ShedForRelief } else { Solve::Done };
+            assert_eq!((even.solve, even.stop.is_some()), (wanted, late > 50), "{late} late ticks");
+            assert_eq!(decide(&overruns, 2 * late + 1).solve, Solve::Done, "{late} late ticks");
+            count(&mut overruns, 0, true, Solve::Done);
         }
-        assert_eq!(order, ['f', 's', 'x']);
+        // A tick that sheds for relief does not count, however late; one that sheds for time only if late.
+        let before = overruns.share();
+        count(&mut overruns, 0, true, Solve::ShedForRelief);
+        count(&mut overruns, 0, false, Solve::ShedForTime);
+        assert_eq!(overruns.share(), before);
+        count(&mut overruns, 0, true, Solve::ShedForTime);
+        assert!((overruns.share() - before - 0.01).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_stop_names_share_limit_and_release() {
+        let mut overruns = half_of(4);
+        (0..3).for_each(|_| count(&mut overruns, 0, true, Solve::Done));
+        let detail =
+            StopDetail { cause: StopCause::LateTicks, joint: None, amount: 0.75, limit: 0.5, at: RELEASE };
+        assert_eq!(decide(&overruns, 0), OverrunDecision { solve: Solve::Done, stop: Some(detail) });
+    }
+
+    #[test]
+    fn a_tick_solves_while_what_it_usually_takes_is_left_and_always_with_half_a_period() {
+        let mut overruns = half_of(100);
+        let at = |overruns: &Overruns, left_ns: u64| {
+            overruns.decide(&punctual(0), RELEASE.plus_ns(PERIOD_NS - left_ns), 1).solve
+        };
+        assert_eq!(at(&overruns, 0), Solve::Done, "nothing is known yet");
+        let cost = |overruns: &mut Overruns, ns: u64, solve: Solve| {
+            overruns.count(&punctual(0), RELEASE.plus_ns(ns), solve);
+        };
+        cost(&mut overruns, 640_000, Solve::Done);
+        assert_eq!([640_000, 639_999].map(|left| at(&overruns, left)), [Solve::Done, Solve::ShedForTime]);
+        // Ticks without a solve say nothing of its cost; those with one let the maximum fade by a 64th.
+        cost(&mut overruns, 900_000, Solve::ShedForTime);
+        cost(&mut overruns, 900_000, Solve::ShedForRelief);
+        cost(&mut overruns, 1000, Solve::Done);
+        assert_eq!([630_000, 629_999].map(|left| at(&overruns, left)), [Solve::Done, Solve::ShedForTime]);
+        cost(&mut overruns, 10 * PERIOD_NS, Solve::Done);
+        let half = PERIOD_NS / 2;
+        assert_eq!([half, half - 1].map(|left| at(&overruns, left)), [Solve::Done, Solve::ShedForTime]);
+        // After the deadline nothing is left.
+        let over = RELEASE.plus_ns(PERIOD_NS + 1);
+        assert_eq!(overruns.decide(&punctual(0), over, 1).solve, Solve::ShedForTime);
+    }
+
+    #[test]
+    fn periods_lost_by_the_loop_count_and_those_overslept_do_not() {
+        // Five periods skipped: three in the sleep before, two by the tick before that.
+        let mut overruns = half_of(100);
+        let release = RELEASE.plus_ns(3 * PERIOD_NS);
+        let wake = Wake { index: 9, due: RELEASE, release, started: release.plus_ns(5), skipped: 5 };
+        overruns.count(&wake, wake.started.plus_ns(PERIOD_NS), Solve::Done);
+        assert!((overruns.share() - 0.02).abs() < 1e-12, "{}", overruns.share());
+        // A start long after the release is not the tick's own work.
+        let late = Wake { skipped: 0, started: RELEASE.plus_ns(9 * PERIOD_NS), ..punctual(0) };
+        overruns.count(&late, late.started.plus_ns(1), Solve::Done);
+        assert!((overruns.share() - 0.02).abs() < 1e-12, "{}", overruns.share());
     }
 
     #[test]
     fn lost_periods_count_and_old_ones_are_forgotten() {
-        let mut budget = half_of(100);
-        budget.count(30, true, Solve::Done);
-        assert!((budget.share() - 0.31).abs() < 1e-12);
+        let mut overruns = half_of(100);
+        count(&mut overruns, 30, true, Solve::Done);
+        assert!((overruns.share() - 0.31).abs() < 1e-12);
         for _ in 0..100 {
-            budget.count(0, false, Solve::Done);
+            count(&mut overruns, 0, false, Solve::Done);
         }
-        assert_eq!(budget.share(), 0.0);
-        budget.count(u64::MAX, true, Solve::Done);
-        assert_eq!(budget.share(), 1.0);
-        budget.forget();
-        assert_eq!((budget.share(), budget.verdict(Stamp(0))), (0.0, Verdict::Fine));
+        assert_eq!(overruns.share(), 0.0);
+        count(&mut overruns, u64::MAX, true, Solve::Done);
+        assert_eq!(overruns.share(), 1.0);
+        overruns.forget();
+        assert_eq!((overruns.share(), decide(&overruns, 0).stop), (0.0, None));
+        // The window begins again as a whole: 100 punctual ticks later nothing of it is left.
+        count(&mut overruns, 0, true, Solve::Done);
+        (0..99).for_each(|_| count(&mut overruns, 0, false, Solve::Done));
+        assert_eq!(overruns.share(), 0.01);
+        count(&mut overruns, 0, false, Solve::Done);
+        assert_eq!(overruns.share(), 0.0);
     }
 
     #[test]
     fn windows_out_of_range_are_brought_into_it() {
-        for window in [0, usize::MAX] {
-            let mut budget = OverrunBudget::new(OverrunLimit { share: 0.5, window });
-            for _ in 0..3 * MAX_WINDOW {
-                budget.count(0, true, Solve::Done);
+        for (window, late) in [(0, 1), (usize::MAX, MAX_WINDOW)] {
+            let mut overruns = half_of(window);
+            for _ in 0..late {
+                assert!(overruns.share() < 1.0);
+                count(&mut overruns, 0, true, Solve::Done);
             }
-            assert_eq!(budget.share(), 1.0);
+            assert_eq!(overruns.share(), 1.0);
         }
-        assert_eq!(OverrunBudget::new(OverrunLimit::NONE).verdict(Stamp(0)), Verdict::Fine);
+        let unlimited = OverrunDecision { solve: Solve::Done, stop: None };
+        let mut overruns = Overruns::new(OverrunLimit::NONE, PERIOD_NS);
+        count(&mut overruns, u64::MAX, true, Solve::Done);
+        assert_eq!(decide(&overruns, 0), unlimited);
     }
 }

@@ -28,9 +28,9 @@ pub struct StopFlag {
     signals: AtomicU64,
 }
 
-/// What a tick has taken, for those who wait.
+/// Number of the newest stop that a tick has taken, to be reported to those who wait.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Taken(u64);
+pub struct StopTicket(u64);
 
 impl StopFlag {
     /// Requests a stop; returns its number.
@@ -58,7 +58,7 @@ impl StopFlag {
     }
 
     /// For the loop, once per tick: whether a stop was requested since the last call.
-    pub fn take(&self) -> Option<Taken> {
+    pub fn take(&self) -> Option<StopTicket> {
         let asked = self.asked.load(Ordering::Acquire);
         // The swap alone would be enough, but writes to the cache line in every tick.
         let signalled =
@@ -67,14 +67,14 @@ impl StopFlag {
             self.signals.fetch_add(1, Ordering::Relaxed);
         }
         // Only the loop writes `taken`.
-        (signalled || asked != self.taken.load(Ordering::Relaxed)).then_some(Taken(asked))
+        (signalled || asked != self.taken.load(Ordering::Relaxed)).then_some(StopTicket(asked))
     }
 
     /// For the loop: publishes the result of the stop.
-    pub fn tell(&self, taken: Taken, mode: Mode, trust: Trust) {
+    pub fn report(&self, ticket: StopTicket, mode: Mode, trust: Trust) {
         self.mode.store(wire::mode(mode).into(), Ordering::Relaxed);
         self.trust.store(trust.alpha().to_bits(), Ordering::Relaxed);
-        self.taken.store(taken.0, Ordering::Release);
+        self.taken.store(ticket.0, Ordering::Release);
     }
 }
 
@@ -93,7 +93,7 @@ impl Stops {
     }
 
     /// Reads the flag; `now` is a reading of the clock after the look at the requests.
-    pub fn look(&mut self, now: Stamp) -> Option<Taken> {
+    pub fn look(&mut self, now: Stamp) -> Option<StopTicket> {
         let taken = self.flag.take();
         if taken.is_some() {
             self.newest = now;
@@ -108,9 +108,9 @@ impl Stops {
     }
 
     /// Publishes the result for those who wait.
-    pub fn tell(&self, taken: Option<Taken>, mode: Mode, trust: Trust) {
-        if let Some(taken) = taken {
-            self.flag.tell(taken, mode, trust);
+    pub fn report(&self, ticket: Option<StopTicket>, mode: Mode, trust: Trust) {
+        if let Some(ticket) = ticket {
+            self.flag.report(ticket, mode, trust);
         }
     }
 }
@@ -120,13 +120,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_stop_is_taken_once_and_told() {
+    fn every_stop_is_taken_once_and_reported() {
         let flag = StopFlag::default();
         assert_eq!(flag.take(), None);
         let (first, second) = (flag.ask(), flag.ask());
         assert_eq!(flag.outcome(first), None);
         let taken = flag.take().unwrap();
-        flag.tell(taken, Mode::Stopped, Trust::new(0.25));
+        flag.report(taken, Mode::Stopped, Trust::new(0.25));
         for number in [first, second] {
             assert_eq!(flag.outcome(number), Some((wire::mode(Mode::Stopped).into(), 0.25)));
         }
@@ -139,10 +139,10 @@ mod tests {
         flag.ask();
         let taken = flag.take().unwrap();
         let late = flag.ask();
-        flag.tell(taken, Mode::Stopped, Trust::NONE);
+        flag.report(taken, Mode::Stopped, Trust::NONE);
         assert_eq!(flag.outcome(late), None);
         let taken = flag.take().unwrap();
-        flag.tell(taken, Mode::Stopped, Trust::NONE);
+        flag.report(taken, Mode::Stopped, Trust::NONE);
         assert!(flag.outcome(late).is_some());
     }
 
@@ -151,7 +151,7 @@ mod tests {
         let flag = StopFlag::default();
         flag.signal().store(true, Ordering::Relaxed);
         let taken = flag.take().unwrap();
-        flag.tell(taken, Mode::Idle, Trust::NONE);
+        flag.report(taken, Mode::Idle, Trust::NONE);
         assert_eq!((flag.take(), flag.counts()), (None, (0, 1)));
     }
 }

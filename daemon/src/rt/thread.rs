@@ -1,7 +1,8 @@
-//! The real-time thread: opens its ports, takes its rights, runs ticks until told to leave.
+//! The real-time thread: opens its ports, takes its rights, runs ticks until ordered to leave.
 //!
-//! Contract: everything that may fail, block or allocate happens before the first tick. When told to leave,
-//! the thread stops the arm smoothly and ends once the loop is idle; it can then be told to end at once.
+//! Contract: everything that may fail, block or allocate happens before the first tick. When ordered to
+//! leave, the thread stops the arm smoothly and ends once the loop is idle; the order to quit ends it at
+//! once.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -79,24 +80,34 @@ impl RtOrders {
     }
 }
 
-/// Starts the thread. It opens its ports, reports on `news`, and waits for `go` (all memory mapped and
-/// locked).
+/// The thread's ends of its rings and channels.
+#[derive(Debug)]
+pub struct RtLinks<E> {
+    /// To the other threads.
+    pub rings: TickRings,
+    /// From the supervisor, while ticks run.
+    pub orders: Arc<RtOrders>,
+    /// To the supervisor, before the first tick.
+    pub news: Sender<RtNews<E>>,
+    /// The ticks may begin: all memory is mapped and locked.
+    pub go: Receiver<()>,
+}
+
+/// Starts the thread. It opens its ports, reports that, and waits until it may go.
 ///
 /// # Errors
 /// The system refuses another thread.
 pub fn spawn<const N: usize, P, E>(
     follower: Follower<N, JOINTS>,
     open: impl FnOnce() -> Result<P, E> + Send + 'static,
-    rings: TickRings,
     settings: RtSettings,
-    orders: Arc<RtOrders>,
-    news: Sender<RtNews<E>>,
-    go: Receiver<()>,
+    links: RtLinks<E>,
 ) -> std::io::Result<JoinHandle<()>>
 where
     P: Ports + 'static,
     E: Send + 'static,
 {
+    let RtLinks { rings, orders, news, go } = links;
     std::thread::Builder::new().name(foretrace_shm::LOOP.to_owned()).stack_size(1 << 20).spawn(move || {
         let ports = match open() {
             Ok(ports) => ports,
@@ -107,7 +118,7 @@ where
             }
         };
         let mut tick = Tick::new(follower, ports, rings, settings.max_iterations);
-        tick.mind(Stops::new(orders.stops.clone()), settings.overruns);
+        tick.supervise(Stops::new(orders.stops.clone()), settings.overruns);
         let _ = news.send(RtNews::Opened);
         if go.recv().is_err() {
             return;

@@ -7,23 +7,20 @@
 
 use rtrb::{Consumer, Producer, RingBuffer};
 
-use foretrace_control::follower::{
-    Budget, Follower, Health, JointReading, Mode, Refusal, Request, StepInput, StepOutput,
-};
-use foretrace_control::predict::LearnStep;
-use foretrace_control::predict::OnlineWeights;
+use foretrace_control::follower::{Budget, Follower, Health, Mode, Refusal, Request, StepInput, StepOutput};
+use foretrace_control::predict::{LearnStep, OnlineWeights};
 use foretrace_control::state;
 use foretrace_control::stop::{StopDetail, StopReason};
 use foretrace_control::units::{Stamp, Trust};
 
 use super::clock::Clock;
 use super::cyclic::Wake;
-use super::facts::{Answered, Asked, LapClock, LoopTally, SeenPen, StateCopy, TickFacts};
+use super::facts::{LapClock, LoopAnswer, LoopRequest, LoopTally, SeenPen, StateCopy, TickFacts};
 use super::handover::{Mailbox, Outbox, Waiting, handover};
 use super::os;
-use super::overruns::{OverrunBudget, OverrunLimit, Solve, Verdict};
-use super::stops::Stops;
-use crate::alloc_count::allocations;
+use super::overruns::{OverrunDecision, OverrunLimit, Overruns, Solve};
+use super::stops::{StopTicket, Stops};
+use crate::alloc_count::AllocationMeter;
 use crate::ports::{Inbox, Ports};
 use crate::wire::{Echo, Given, JOINTS, Outgoing};
 
@@ -49,8 +46,8 @@ pub struct TickRings {
     pen: Producer<SeenPen>,
     blanks: Consumer<Box<[u8]>>,
     states: Producer<StateCopy>,
-    asked: Consumer<Asked>,
-    answered: Producer<Answered>,
+    requests: Consumer<LoopRequest>,
+    answers: Producer<LoopAnswer>,
     learn: Producer<LearnStep>,
     weights: Mailbox<OnlineWeights>,
 }
@@ -64,18 +61,15 @@ pub struct IpcRings {
     pub pen: Consumer<SeenPen>,
     /// Memory for the state of the law: the next tick fills it.
     pub blanks: Producer<Box<[u8]>>,
-    /// That memory, filled.
     pub states: Consumer<StateCopy>,
     /// Requests to the loop.
-    pub asked: Producer<Asked>,
-    /// Its answers.
-    pub answered: Consumer<Answered>,
+    pub requests: Producer<LoopRequest>,
+    pub answers: Consumer<LoopAnswer>,
 }
 
-/// The learner's ends.
 #[derive(Debug)]
 pub struct LearnerRings {
-    /// Closed grid steps.
+    /// Grid steps that have closed, oldest first.
     pub learn: Consumer<LearnStep>,
     /// Promoted weights to the loop.
     pub weights: Outbox<OnlineWeights>,
@@ -84,29 +78,28 @@ pub struct LearnerRings {
 /// All rings between the loop and the other threads.
 #[must_use]
 pub fn rings() -> (TickRings, IpcRings, LearnerRings) {
-    let (facts, evidence_out) = RingBuffer::new(FACTS);
+    let (facts, facts_out) = RingBuffer::new(FACTS);
     let (pen, pen_out) = RingBuffer::new(SEEN_PEN);
     let (blanks_in, blanks) = RingBuffer::new(1);
     let (states, states_out) = RingBuffer::new(1);
-    let (asked_in, asked) = RingBuffer::new(REQUESTS);
-    let (answered, answered_out) = RingBuffer::new(REQUESTS);
+    let (requests_in, requests) = RingBuffer::new(REQUESTS);
+    let (answers, answers_out) = RingBuffer::new(REQUESTS);
     let (learn, learn_out) = RingBuffer::new(LEARN_STEPS);
     let (weights_in, weights) = handover(WEIGHTS);
     (
-        TickRings { facts, pen, blanks, states, asked, answered, learn, weights },
+        TickRings { facts, pen, blanks, states, requests, answers, learn, weights },
         IpcRings {
-            facts: evidence_out,
+            facts: facts_out,
             pen: pen_out,
             blanks: blanks_in,
             states: states_out,
-            asked: asked_in,
-            answered: answered_out,
+            requests: requests_in,
+            answers: answers_out,
         },
         LearnerRings { learn: learn_out, weights: weights_in },
     )
 }
 
-/// The loop's body.
 #[derive(Debug)]
 pub struct Tick<const N: usize, P> {
     follower: Follower<N, JOINTS>,
@@ -115,8 +108,6 @@ pub struct Tick<const N: usize, P> {
     inbox: Inbox,
     period_ns: u64,
     max_iterations: u32,
-    /// Decaying maximum of the duration of a step with full budget \[ns\].
-    usual_cost_ns: u64,
     measured: Option<(Stamp, [f64; JOINTS])>,
     echo: Option<Echo>,
     weights_since: Option<Stamp>,
@@ -130,9 +121,9 @@ pub struct Tick<const N: usize, P> {
     /// The last command was not sent.
     unsent: bool,
     /// Token of the request for the way home that is still being checked.
-    way_asked: Option<u64>,
+    home_token: Option<u64>,
     stops: Stops,
-    overruns: OverrunBudget,
+    overruns: Overruns,
 }
 
 impl<const N: usize, P: Ports> Tick<N, P> {
@@ -146,7 +137,6 @@ impl<const N: usize, P: Ports> Tick<N, P> {
             inbox: Inbox::empty(),
             period_ns,
             max_iterations,
-            usual_cost_ns: 0,
             measured: None,
             echo: None,
             weights_since: None,
@@ -156,16 +146,16 @@ impl<const N: usize, P: Ports> Tick<N, P> {
             tally: LoopTally::default(),
             leaving: false,
             unsent: false,
-            way_asked: None,
+            home_token: None,
             stops: Stops::default(),
-            overruns: OverrunBudget::new(OverrunLimit::NONE),
+            overruns: Overruns::new(OverrunLimit::NONE, period_ns),
         }
     }
 
-    /// Also takes stops from `stops`, with a limit on late ticks.
-    pub fn mind(&mut self, stops: Stops, overruns: OverrunLimit) {
+    /// Also takes stops from `stops`, and stops the arm if more ticks are late than `limit` allows.
+    pub fn supervise(&mut self, stops: Stops, limit: OverrunLimit) {
         self.stops = stops;
-        self.overruns = OverrunBudget::new(overruns);
+        self.overruns = Overruns::new(limit, self.period_ns);
     }
 
     /// From the next tick on, stops the arm smoothly and lets go of it; requests are ignored.
@@ -179,106 +169,93 @@ impl<const N: usize, P: Ports> Tick<N, P> {
         if self.tally.ticks == 0 {
             self.faults_before = os::page_faults();
         }
-        let allocated = allocations();
-
-        self.ports.receive(wake.started, &mut self.inbox);
-        let receiving = allocations().wrapping_sub(allocated);
-        let asked = if self.leaving { None } else { self.rings.asked.pop().ok() };
-        // Not answered, so that the operator learns the truth: the loop did not answer in time.
-        let asked = asked.filter(|asked| !asked.is_expired(wake.started));
-        // After the requests: a stop that comes between the two looks is newer.
-        let stop = self.stops.look(laps.now());
-        let overtaken = asked.filter(|asked| asked.is_overtaken(self.stops.newest()));
-        if let Some(Asked { token, .. }) = overtaken {
-            self.answer(token, Err(Refusal::StopCame), self.mode, self.trust);
-        }
-        let asked = asked.filter(|_| overtaken.is_none());
-        let request = if self.leaving { Some(Request::Disarm) } else { asked.map(|asked| asked.request) };
-        if let Some(JointReading { stamp, q, .. }) = self.inbox.joints {
-            self.measured = Some((stamp, q));
-        }
+        let mut allocations = AllocationMeter::start();
+        allocations.in_ports(|| self.ports.receive(wake.started, &mut self.inbox));
+        self.measured = self.inbox.joints.map(|joints| (joints.stamp, joints.q)).or(self.measured);
         self.echo = self.inbox.echo.or(self.echo);
+        let (request, stop) = self.requests(wake, &laps);
         let received = laps.received();
 
-        let verdict = self.overruns.verdict(wake.release);
-        let (budget, solve) = self.budget(received, wake, verdict);
+        let OverrunDecision { solve, stop: late } = self.overruns.decide(wake, received, self.tally.ticks);
+        let budget = Budget { max_iterations: self.max_iterations, shed: solve != Solve::Done };
         // The weights are read in place in the ring: they are too large for a further copy.
         let waiting = self.rings.weights.look();
-        let weights = waiting.as_ref().and_then(Waiting::newest);
+        let requested = stop.map(|_| (StopReason::Requested, StopDetail::default()));
         let input = StepInput {
             now: wake.release,
             pen: self.inbox.pen(),
             joints: self.inbox.joints.as_ref(),
             effort: self.inbox.effort.as_ref(),
             enable: self.inbox.enable,
-            request,
-            halt: match (stop, verdict) {
-                (Some(_), _) => Some((StopReason::Requested, StopDetail::default())),
-                (None, Verdict::Stop(detail)) => Some((StopReason::Overruns, detail)),
-                (None, Verdict::Fine | Verdict::Shed) => None,
-            },
-            weights,
+            request: if self.leaving { Some(Request::Disarm) } else { request.map(|asked| asked.request) },
+            halt: requested.or(late.map(|detail| (StopReason::Overruns, detail))),
+            weights: waiting.as_ref().and_then(Waiting::newest),
             unsent: self.unsent,
         };
-        let given = Given {
-            now: input.now,
-            budget,
-            joints: self.inbox.joints,
-            effort: self.inbox.effort,
-            enable: input.enable,
-            request,
-            halt: input.halt,
-            weights: weights.map(|weights| weights.version),
-            unsent: input.unsent,
-            pen_samples: input.pen.len() as u32,
-            complete: true,
-        };
+        let given = Given::of(&input, budget);
         let output = self.follower.step(&input, budget, &mut laps);
-        self.stops.tell(stop, output.mode, output.trust.alpha);
-        (self.mode, self.trust) = (output.mode, output.trust.alpha);
-        let exchanged = weights.is_some_and(|weights| weights.version == output.weights_version);
-        if let Some(waiting) = waiting {
-            self.tally.weights_overtaken += waiting.give_back();
-        }
-
-        let before_send = allocations();
-        let published = laps.last();
-        self.unsent = !self.send(published, &output);
-        let sending = allocations().wrapping_sub(before_send);
-        let finished = laps.sent(wake.started);
-
-        if exchanged {
+        if given.weights == Some(output.weights_version) {
             self.weights_since = Some(wake.release);
         }
-        // Time that a busy machine takes from the sleeping loop is not its own work: that delay passes by
-        // itself.
-        let overslept = wake.release.0.saturating_sub(wake.due.0) / self.period_ns.max(1);
-        let too_long = finished.0.saturating_sub(wake.started.0) > self.period_ns;
-        self.overruns.count(wake.skipped.saturating_sub(overslept), too_long, solve);
-        self.settle(wake, &output, budget, finished, &laps);
-        self.teach(&output);
-        if let (Some(asked), Some(outcome)) = (asked, output.answer) {
-            if asked.request == Request::MoveHome && outcome.is_ok() {
-                self.way_asked = Some(asked.token);
-            } else {
-                self.answer(asked.token, outcome, output.mode, output.trust.alpha);
-            }
-        }
-        self.answer_way(&output);
+        self.tally.weights_overtaken += waiting.map_or(0, Waiting::give_back);
+        self.stops.report(stop, output.mode, output.trust.alpha);
+        (self.mode, self.trust) = (output.mode, output.trust.alpha);
+
+        let published = laps.last();
+        self.unsent = !allocations.in_ports(|| self.send(published, &output));
+        let finished = laps.sent(wake.started);
+
+        self.overruns.count(wake, finished, solve);
+        self.count_outcome(wake, finished, &output, budget);
+        self.offer_to_learner(&output);
+        self.answer_requests(request, &output);
         if output.begins {
             self.overruns.forget();
         }
-        let ports = receiving.wrapping_add(sending);
-        let law = allocations().wrapping_sub(allocated).wrapping_sub(ports);
+        self.record(wake, published, &laps, given, output, &mut allocations);
+        output.mode
+    }
+
+    /// The request to carry out in this tick, and the stop that a program demanded, if there are any.
+    fn requests<C: Clock>(
+        &mut self,
+        wake: &Wake,
+        laps: &LapClock<'_, C>,
+    ) -> (Option<LoopRequest>, Option<StopTicket>) {
+        let request = if self.leaving { None } else { self.rings.requests.pop().ok() };
+        // Not answered, so that the operator learns the truth: the loop did not answer in time.
+        let request = request.filter(|request| !request.is_expired(wake.started));
+        // After the requests: a stop that comes between the two looks is newer.
+        let stop = self.stops.look(laps.now());
+        match request {
+            Some(overtaken) if overtaken.is_overtaken(self.stops.newest()) => {
+                self.answer(overtaken.token, Err(Refusal::StopCame));
+                (None, stop)
+            }
+            request => (request, stop),
+        }
+    }
+
+    /// Hands the facts of this tick to the ipc thread, and the state of the law if it waits for one.
+    #[inline]
+    fn record<C: Clock>(
+        &mut self,
+        wake: &Wake,
+        published: Stamp,
+        laps: &LapClock<'_, C>,
+        given: Given,
+        output: StepOutput<JOINTS>,
+        allocations: &mut AllocationMeter,
+    ) {
+        let (ports, law) = allocations.lap();
         self.tally.port_allocations = self.tally.port_allocations.wrapping_add(ports);
         self.tally.law_allocations = self.tally.law_allocations.wrapping_add(law);
-        let before_keeping = allocations();
         let complete = self.keep_pen();
         let facts = TickFacts {
             tick: self.tally.ticks,
             given: Given { complete, ..given },
             wake: *wake,
-            finished,
+            finished: laps.last(),
             deadline: wake.deadline(self.period_ns),
             times: laps.times(),
             measured: self.measured,
@@ -296,10 +273,9 @@ impl<const N: usize, P: Ports> Tick<N, P> {
             self.tally.evidence_dropped += 1;
         }
         self.copy_state();
-        // Told with the next tick: this one's facts are on their way.
-        let keeping = allocations().wrapping_sub(before_keeping);
-        self.tally.law_allocations = self.tally.law_allocations.wrapping_add(keeping);
-        output.mode
+        // Reported with the next tick: this one's facts are on their way.
+        let (_, recording) = allocations.lap();
+        self.tally.law_allocations = self.tally.law_allocations.wrapping_add(recording);
     }
 
     /// Hands the pen samples of this tick to the ipc thread; `false` if there was no room for all.
@@ -316,32 +292,28 @@ impl<const N: usize, P: Ports> Tick<N, P> {
         let _ = self.rings.states.push(StateCopy { tick: self.tally.ticks, length, bytes });
     }
 
-    /// Answers whether the way home is clear, once that is known, or that a stop came before.
-    fn answer_way(&mut self, output: &StepOutput<JOINTS>) {
+    /// Answers the request of this tick, and that for the way home once it is known whether it is clear, or
+    /// that a stop came before.
+    fn answer_requests(&mut self, request: Option<LoopRequest>, output: &StepOutput<JOINTS>) {
+        if let (Some(LoopRequest { token, request, .. }), Some(outcome)) = (request, output.answer) {
+            if request == Request::MoveHome && outcome.is_ok() {
+                self.home_token = Some(token);
+            } else {
+                self.answer(token, outcome);
+            }
+        }
         let ended = (output.mode != Mode::Homing).then_some(Err(Refusal::StopCame));
-        let outcome = output.way.or(ended);
-        if let Some((token, outcome)) = outcome.and_then(|outcome| Some((self.way_asked.take()?, outcome))) {
-            self.answer(token, outcome, output.mode, output.trust.alpha);
+        if let Some(outcome) = output.way.or(ended)
+            && let Some(token) = self.home_token.take()
+        {
+            self.answer(token, outcome);
         }
     }
 
     /// The ring has room for as many answers as requests, and the ipc thread asks no faster than it reads.
-    fn answer(&mut self, token: u64, outcome: Result<(), Refusal>, mode: Mode, trust: Trust) {
-        let _ = self.rings.answered.push(Answered { token, outcome, mode, trust });
-    }
-
-    /// Sheds the solve if less time is left than it usually takes; half a period is always enough, so that a
-    /// slow solver is not shed for ever. A loop that is late too often solves in every second tick.
-    fn budget(&self, now: Stamp, wake: &Wake, verdict: Verdict) -> (Budget, Solve) {
-        let left = wake.deadline(self.period_ns).0.saturating_sub(now.0);
-        let solve = if verdict == Verdict::Shed && self.tally.ticks.is_multiple_of(2) {
-            Solve::ShedForRelief
-        } else if left < self.usual_cost_ns.min(self.period_ns / 2) {
-            Solve::ShedForTime
-        } else {
-            Solve::Done
-        };
-        (Budget { max_iterations: self.max_iterations, shed: solve != Solve::Done }, solve)
+    fn answer(&mut self, token: u64, outcome: Result<(), Refusal>) {
+        let (mode, trust) = (self.mode, self.trust);
+        let _ = self.rings.answers.push(LoopAnswer { token, outcome, mode, trust });
     }
 
     /// Sends the command, if there is one; `true` also if there is none. A step that was held up for so long
@@ -364,21 +336,13 @@ impl<const N: usize, P: Ports> Tick<N, P> {
         self.ports.send(now, &outgoing)
     }
 
-    /// Updates the counts.
-    fn settle<C: Clock>(
-        &mut self,
-        wake: &Wake,
-        output: &StepOutput<JOINTS>,
-        budget: Budget,
-        finished: Stamp,
-        laps: &LapClock<'_, C>,
-    ) {
+    /// Adds what became of this tick to the counts.
+    fn count_outcome(&mut self, wake: &Wake, finished: Stamp, output: &StepOutput<JOINTS>, budget: Budget) {
         let tally = &mut self.tally;
         tally.ticks = tally.ticks.wrapping_add(1);
         tally.skipped = tally.skipped.saturating_add(wake.skipped);
         // A tick that woke after its period was over missed its deadline too, however fast it was.
         tally.overruns += u64::from(wake.skipped > 0 || finished > wake.deadline(self.period_ns));
-
         tally.shed += u64::from(budget.shed);
         tally.joints_stale += u64::from(output.health.has(Health::JOINTS_STALE));
         tally.weights_refused += u64::from(output.health.has(Health::WEIGHTS_REFUSED));
@@ -387,14 +351,10 @@ impl<const N: usize, P: Ports> Tick<N, P> {
             tally.faults_minor = minor.saturating_sub(minor_before);
             tally.faults_major = major.saturating_sub(major_before);
         }
-        if !budget.shed {
-            let fading = self.usual_cost_ns - self.usual_cost_ns / 64;
-            self.usual_cost_ns = fading.max(laps.times().step);
-        }
     }
 
     /// Sends the grid steps of this tick to the learner.
-    fn teach(&mut self, output: &StepOutput<JOINTS>) {
+    fn offer_to_learner(&mut self, output: &StepOutput<JOINTS>) {
         for step in output.learn.iter().take(output.learn_count) {
             if self.rings.learn.push(*step).is_err() {
                 self.tally.learn_dropped += 1;

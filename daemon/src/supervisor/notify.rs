@@ -19,9 +19,9 @@ const FEEDS_PER_PERIOD: u32 = 3;
 /// The connection to the service manager, if there is one.
 #[derive(Debug, Default)]
 pub(super) struct Manager {
-    line: Option<Line>,
-    watchdog: Option<Watchdog>,
-    told: bool,
+    socket: Option<NotifySocket>,
+    watchdog: Option<WatchdogFeed>,
+    warned: bool,
 }
 
 impl Manager {
@@ -30,8 +30,8 @@ impl Manager {
         let socket = std::env::var_os("NOTIFY_SOCKET").filter(|name| !name.is_empty());
         let number = |key: &str| std::env::var(key).ok().map(|text| text.trim().parse::<u64>());
         let Some(socket) = socket else { return Self::default() };
-        let line = match Line::to(&socket) {
-            Ok(line) => line,
+        let socket = match NotifySocket::to(&socket) {
+            Ok(socket) => socket,
             Err(error) => {
                 warn!("NOTIFY_SOCKET {} cannot be used: {error}", socket.to_string_lossy());
                 return Self::default();
@@ -45,38 +45,38 @@ impl Manager {
         if let Some(period) = period {
             info!("the service manager expects a sign of life every {} ms", period.as_millis());
         }
-        Self { line: Some(line), watchdog: period.map(Watchdog::new), told: false }
+        Self { socket: Some(socket), watchdog: period.map(WatchdogFeed::new), warned: false }
     }
 
     /// Peers can attach; `status` is one line for `systemctl status`.
     pub(super) fn ready(&mut self, status: &str) {
-        self.tell(&format!("READY=1\nSTATUS={}", status.replace('\n', " ")));
+        self.notify(&format!("READY=1\nSTATUS={}", status.replace('\n', " ")));
     }
 
     /// The shutdown has begun.
     pub(super) fn stopping(&mut self) {
-        self.tell("STOPPING=1\nSTATUS=bringing the arm to rest");
+        self.notify("STOPPING=1\nSTATUS=bringing the arm to rest");
     }
 
     /// Feeds the watchdog if it is time and `ticks` of the loop have increased since it was last fed.
     pub(super) fn alive(&mut self, ticks: u64) {
         let now = Instant::now();
         if self.watchdog.as_ref().is_some_and(|watchdog| watchdog.is_due(now, ticks))
-            && self.tell("WATCHDOG=1")
+            && self.notify("WATCHDOG=1")
         {
             // Not sent: tried again at the next check.
             self.watchdog.iter_mut().for_each(|watchdog| watchdog.fed(now, ticks));
         }
     }
 
-    fn tell(&mut self, words: &str) -> bool {
-        let Some(line) = &self.line else { return false };
-        match line.send(words) {
+    fn notify(&mut self, words: &str) -> bool {
+        let Some(socket) = &self.socket else { return false };
+        match socket.send(words) {
             Ok(()) => true,
             Err(error) => {
-                if !self.told {
+                if !self.warned {
                     warn!("the service manager cannot be notified ({error}); said only once");
-                    self.told = true;
+                    self.warned = true;
                 }
                 false
             }
@@ -86,12 +86,12 @@ impl Manager {
 
 /// A datagram socket and its destination.
 #[derive(Debug)]
-struct Line {
+struct NotifySocket {
     socket: UnixDatagram,
     address: SocketAddr,
 }
 
-impl Line {
+impl NotifySocket {
     fn to(name: &OsStr) -> io::Result<Self> {
         let address = match name.as_bytes() {
             [b'/', ..] => SocketAddr::from_pathname(name)?,
@@ -116,12 +116,12 @@ impl Line {
 
 /// When signs of life are due.
 #[derive(Debug)]
-struct Watchdog {
+struct WatchdogFeed {
     every: Duration,
     last: Option<(Instant, u64)>,
 }
 
-impl Watchdog {
+impl WatchdogFeed {
     fn new(period: Duration) -> Self {
         Self { every: period / FEEDS_PER_PERIOD, last: None }
     }
@@ -164,7 +164,7 @@ fn watchdog_period(usec: Parsed, pid: Parsed, own: u32) -> Result<Option<Duratio
 mod tests {
     use super::*;
 
-    fn heard(socket: &UnixDatagram) -> String {
+    fn received(socket: &UnixDatagram) -> String {
         let mut bytes = [0; 256];
         socket.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
         let count = socket.recv(&mut bytes).unwrap();
@@ -172,7 +172,7 @@ mod tests {
     }
 
     fn manager(name: &OsStr) -> Manager {
-        Manager { line: Some(Line::to(name).unwrap()), ..Manager::default() }
+        Manager { socket: Some(NotifySocket::to(name).unwrap()), ..Manager::default() }
     }
 
     #[test]
@@ -182,40 +182,40 @@ mod tests {
         let by_path = UnixDatagram::bind(&path).unwrap();
         let mut to_path = manager(path.as_os_str());
         to_path.ready("two\nlines");
-        assert_eq!(heard(&by_path), "READY=1\nSTATUS=two lines");
+        assert_eq!(received(&by_path), "READY=1\nSTATUS=two lines");
 
         let name = format!("foretrace-notify-{}", std::process::id());
         let address = SocketAddr::from_abstract_name(&name).unwrap();
         let by_name = UnixDatagram::bind_addr(&address).unwrap();
         manager(OsStr::new(&format!("@{name}"))).stopping();
-        assert!(heard(&by_name).starts_with("STOPPING=1\n"));
+        assert!(received(&by_name).starts_with("STOPPING=1\n"));
     }
 
     #[test]
     fn a_name_of_another_kind_is_refused() {
         for name in ["", "@", "relative/path", "vsock:2:1234"] {
-            assert!(Line::to(OsStr::new(name)).is_err(), "{name}");
+            assert!(NotifySocket::to(OsStr::new(name)).is_err(), "{name}");
         }
-        assert!(Line::to(OsStr::new(&format!("/{}", "x".repeat(200)))).is_err());
+        assert!(NotifySocket::to(OsStr::new(&format!("/{}", "x".repeat(200)))).is_err());
     }
 
     #[test]
     fn a_manager_that_does_not_read_neither_blocks_nor_ends_anything() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("notify");
-        let deaf = UnixDatagram::bind(&path).unwrap();
+        let unread = UnixDatagram::bind(&path).unwrap();
         let mut manager = manager(path.as_os_str());
-        assert!((0..10_000).any(|_| !manager.tell("WATCHDOG=1")), "its queue never fills");
-        assert!(manager.told);
-        drop(deaf);
-        assert!(!manager.tell("WATCHDOG=1"));
+        assert!((0..10_000).any(|_| !manager.notify("WATCHDOG=1")), "its queue never fills");
+        assert!(manager.warned);
+        drop(unread);
+        assert!(!manager.notify("WATCHDOG=1"));
     }
 
     #[test]
     fn the_watchdog_is_fed_three_times_per_period_and_only_while_ticks_advance() {
         let start = Instant::now();
         let at = |ms| start + Duration::from_millis(ms);
-        let mut watchdog = Watchdog::new(Duration::from_millis(300));
+        let mut watchdog = WatchdogFeed::new(Duration::from_millis(300));
         assert!(!watchdog.is_due(at(0), 0), "no tick yet");
         assert!(watchdog.is_due(at(0), 1));
         watchdog.fed(at(0), 1);

@@ -13,8 +13,8 @@ use foretrace_control::learn::Learner;
 use foretrace_shm::layout::fnv1a;
 use foretrace_shm::{Instance, InstanceLock, Services, Session, missing_rights};
 
-use super::hearing::Hearing;
 use super::notify::Manager;
+use super::stop_log::StopLog;
 use super::{Daemon, OPENING, STOPPING, settings_hash};
 use crate::error::DaemonError;
 use crate::ipc::bearing::Bearing;
@@ -29,7 +29,7 @@ use crate::ports::shm::{IpcPorts, ShmPorts};
 use crate::reload::Reloads;
 use crate::rt::os::{self, Right};
 use crate::rt::stops::StopFlag;
-use crate::rt::thread::{self, RtNews, RtOrders};
+use crate::rt::thread::{self, RtLinks, RtNews, RtOrders};
 use crate::rt::tick::{self, TickRings};
 use crate::stop_socket::StopTally;
 use crate::wire::JOINTS;
@@ -84,12 +84,12 @@ impl Daemon {
         let quit = Arc::new(AtomicBool::new(false));
         let board = Arc::new(LearnerBoard::default());
 
-        let (learner_told, learner_tells) = channel::bounded(64);
+        let (learner_events_in, learner_events) = channel::bounded(64);
         let (copies, copied) = channel::bounded(16);
         let (learner_orders, learner_ordered) = channel::bounded(4);
         let links = LearnerLinks {
             board: board.clone(),
-            events: learner_told,
+            events: learner_events_in,
             copies,
             orders: learner_ordered,
             quit: quit.clone(),
@@ -113,7 +113,7 @@ impl Daemon {
             bearing: Bearing::new(&config.follower_settings()),
             inputs: Inputs::new(settings.daemon_id, config.render(), copied),
             board,
-            learner: learner_tells,
+            learner: learner_events,
             orders: ipc_ordered,
             reload: reload_in,
             quit: quit.clone(),
@@ -127,7 +127,7 @@ impl Daemon {
             config,
             rt: None,
             rt_orders: Arc::new(RtOrders::with_stops(flag.clone())),
-            hearing: Hearing::new(flag, stops),
+            stop_log: StopLog::new(flag, stops),
             ipc: Some(ipc),
             ipc_orders,
             reload,
@@ -139,7 +139,7 @@ impl Daemon {
             signals: Vec::new(),
         };
         // From here on an early return must end the threads.
-        let started = heard(&opened, instance).and_then(|news| news.map_err(DaemonError::from));
+        let started = first_message(&opened, instance).and_then(|news| news.map_err(DaemonError::from));
         let started = started.and_then(|()| daemon.start_loop(options, instance, services, tick_rings));
         let started = started.and_then(|()| daemon.listen_to_signals(options));
         match started {
@@ -164,39 +164,16 @@ impl Daemon {
         let services = services.clone();
         let open = move || ShmPorts::open(&services);
         let (follower, orders) = (self.config.follower_settings(), self.rt_orders.clone());
+        let links = RtLinks { rings, orders, news: news_in, go: gone };
         let spawned = match self.config.settings().mpc.horizon {
-            10 => thread::spawn(
-                Follower::<10, JOINTS>::new(follower)?,
-                open,
-                rings,
-                settings,
-                orders,
-                news_in,
-                gone,
-            ),
-            20 => thread::spawn(
-                Follower::<20, JOINTS>::new(follower)?,
-                open,
-                rings,
-                settings,
-                orders,
-                news_in,
-                gone,
-            ),
-            _ => thread::spawn(
-                Follower::<30, JOINTS>::new(follower)?,
-                open,
-                rings,
-                settings,
-                orders,
-                news_in,
-                gone,
-            ),
+            10 => thread::spawn(Follower::<10, JOINTS>::new(follower)?, open, settings, links),
+            20 => thread::spawn(Follower::<20, JOINTS>::new(follower)?, open, settings, links),
+            _ => thread::spawn(Follower::<30, JOINTS>::new(follower)?, open, settings, links),
         };
         self.rt = Some(spawned.map_err(|source| DaemonError::System { what: "starting a thread", source })?);
 
         let mut missing = Vec::new();
-        match heard(&news, instance)? {
+        match first_message(&news, instance)? {
             RtNews::Failed(error) => return Err(error.into()),
             RtNews::Opened | RtNews::Running(_) => {}
         }
@@ -210,7 +187,7 @@ impl Daemon {
             missing.extend(os::lock_memory().err());
         }
         let _ = go.send(());
-        if let RtNews::Running(refused) = heard(&news, instance)? {
+        if let RtNews::Running(refused) = first_message(&news, instance)? {
             missing.extend(refused);
         }
         for right in &missing {
@@ -227,7 +204,7 @@ impl Daemon {
         if !options.signals {
             return Ok(());
         }
-        let stops = self.hearing.signal();
+        let stops = self.stop_log.signal();
         for (signal, flag) in [
             (SIGINT, options.stop.flag()),
             (SIGTERM, options.stop.flag()),
@@ -254,7 +231,7 @@ const fn missing_right(right: Right) -> u32 {
 }
 
 /// The first message of a starting thread, unless opening hangs.
-fn heard<T>(news: &Receiver<T>, instance: &Instance) -> Result<T, DaemonError> {
+fn first_message<T>(news: &Receiver<T>, instance: &Instance) -> Result<T, DaemonError> {
     news.recv_timeout(OPENING).map_err(|error| match error {
         RecvTimeoutError::Timeout => hangs(instance),
         RecvTimeoutError::Disconnected => {

@@ -5,14 +5,14 @@ use std::sync::atomic::Ordering;
 use foretrace_shm::{ControlOp, Mode};
 
 use super::*;
-use crate::support::{Operator, Place, arm, pen, rights, turn, until};
+use crate::support::{Operator, Site, arm, pen, rights, turn, until};
 
 #[test]
 fn a_panic_of_the_ipc_thread_brings_the_arm_smoothly_to_rest_and_is_the_reason_given() {
     let _turn = turn();
-    let place = Place::new();
-    let options = Options { rights: rights(), signals: false, ..Options::new(place.source()) };
-    let instance = place.instance();
+    let site = Site::new();
+    let options = Options { rights: rights(), signals: false, ..Options::new(site.source()) };
+    let instance = site.instance();
     let lock = instance.lock().unwrap();
     let (mut lock, _session, services) = open_services(&instance, lock).unwrap();
     let config = options.source.load().unwrap();
@@ -20,9 +20,9 @@ fn a_panic_of_the_ipc_thread_brings_the_arm_smoothly_to_rest_and_is_the_reason_g
         Daemon::start(&options, config, &instance, &services, Arc::default(), Arc::default()).unwrap();
     lock.announce().unwrap();
 
-    let mut operator = Operator::attach(&place);
-    let (_arm, log) = arm(&place);
-    let _pen = pen(&place);
+    let mut operator = Operator::attach(&site);
+    let (_arm, log) = arm(&site);
+    let _pen = pen(&site);
     operator.status_when("joint states arrive", |status| status.joint_state_age_ns != u64::MAX);
     assert!(operator.ask(ControlOp::Arm, 0.0).is_success());
     let moving = || {

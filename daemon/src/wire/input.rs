@@ -17,9 +17,7 @@ use super::{JOINTS, effort_of, effort_unit, fault, flag, health, mode, predictor
 /// What a tick was given, besides pen samples.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Given {
-    /// Nominal release.
     pub now: Stamp,
-    /// Its budget.
     pub budget: Budget,
     /// Newest joint state, if one arrived.
     pub joints: Option<JointReading<JOINTS>>,
@@ -42,6 +40,24 @@ pub struct Given {
 }
 
 impl Given {
+    /// What is recorded of `input`.
+    #[must_use]
+    pub fn of(input: &StepInput<'_, JOINTS>, budget: Budget) -> Self {
+        Self {
+            now: input.now,
+            budget,
+            joints: input.joints.copied(),
+            effort: input.effort.copied(),
+            enable: input.enable,
+            request: input.request,
+            halt: input.halt,
+            weights: input.weights.map(|weights| weights.version),
+            unsent: input.unsent,
+            pen_samples: input.pen.len() as u32,
+            complete: true,
+        }
+    }
+
     /// The law's input with these pen samples and weights.
     #[must_use]
     pub fn step_input<'a>(
@@ -120,10 +136,10 @@ pub fn tick_input(tick: u64, daemon_id: u64, given: &Given, output: &StepOutput<
 pub fn pen_part(input: &mut shm::TickInput, part: usize, pen: &[PenReading]) {
     input.part = part as u32;
     input.pen = [shm::PenInput::default(); PEN_PER_PART];
-    for (place, reading) in input.pen.iter_mut().zip(pen) {
+    for (slot, reading) in input.pen.iter_mut().zip(pen) {
         let PenReading { stamp, position: [x_m, y_m], contact, origin } = *reading;
         let PenOrigin { sequence, sent, received } = origin;
-        *place = shm::PenInput {
+        *slot = shm::PenInput {
             stamp_ns: stamp.0,
             x_m,
             y_m,
@@ -249,19 +265,8 @@ mod tests {
     #[test]
     fn every_input_comes_back_as_it_was() {
         let output = some_output();
-        let nothing = Given {
-            now: Stamp(77),
-            budget: Budget { max_iterations: 12, shed: false },
-            joints: None,
-            effort: None,
-            enable: None,
-            request: None,
-            halt: None,
-            weights: None,
-            unsent: false,
-            pen_samples: 0,
-            complete: true,
-        };
+        let budget = Budget { max_iterations: 12, shed: false };
+        let nothing = Given::of(&StepInput::nothing(Stamp(77)), budget);
         let joints =
             JointReading { stamp: Stamp(3), q: [f64::MIN_POSITIVE; 6], qd: [-0.0; 6], motion_allowed: true };
         let unit = foretrace_control::contact::EffortUnit::Amperes;

@@ -112,7 +112,6 @@ pub fn echo(state: &shm::JointState) -> Option<Echo> {
     })
 }
 
-/// A dead-man message.
 #[must_use]
 pub fn enable_reading(enable: &shm::Enable) -> EnableReading {
     EnableReading { stamp: Stamp(enable.header.stamp_ns), stop: enable.stop != 0 }

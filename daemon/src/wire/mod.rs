@@ -1,7 +1,7 @@
 //! Conversion between the wire and the law's types, value by value.
 //!
 //! Contract: pure, total, no allocation on the paths of the real-time thread (pen, joints, dead-man,
-//! command). Messages arrive validated; numbers without a place on the wire are omitted here and nowhere
+//! command). Messages arrive validated; numbers without a field on the wire are omitted here and nowhere
 //! else. Whole records and the status are assembled by the ipc thread (`ipc/record.rs`).
 
 mod input;
@@ -18,7 +18,7 @@ pub use messages::{
 };
 pub use outcome::{UNKNOWN, arm_lag, extent, ghost_figures, guard_mask, health, ik_report, known, mpc_path};
 pub use refused::{Refused, pen_rejection, refused};
-pub use requests::{Asked, asked, refusal, unknown_predictor};
+pub use requests::{RequestRoute, refusal, route, unknown_predictor};
 pub use words::{fault, ghost_state, mode, predictor, rung, stop_detail, trust_reason};
 
 use foretrace_shm as shm;

@@ -10,7 +10,7 @@ use foretrace_shm::{RejectReason, Rejection};
 pub struct Refused {
     /// Reason, field, value and bound.
     pub why: Rejection,
-    /// When.
+    /// When it was refused.
     pub at: Stamp,
 }
 

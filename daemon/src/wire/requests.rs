@@ -4,10 +4,9 @@ use foretrace_control::follower::{Refusal, Request};
 use foretrace_control::predict::PredictorKind;
 use foretrace_shm::{ControlOp, ControlRequest, ControlStatus};
 
-/// A validated request, by its receiver.
+/// Where a validated request goes.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Asked {
-    /// Mode and trust.
+pub enum RequestRoute {
     Query,
     /// Read the settings again.
     Reload,
@@ -19,13 +18,13 @@ pub enum Asked {
     Unsupported,
 }
 
-/// The receiver of a validated request.
+/// Where a validated request goes, and as what.
 #[must_use]
-pub fn asked(request: &ControlRequest) -> Asked {
-    let Ok(op) = ControlOp::try_from(request.op) else { return Asked::Unsupported };
-    Asked::Loop(match op {
-        ControlOp::Query => return Asked::Query,
-        ControlOp::Reload => return Asked::Reload,
+pub fn route(request: &ControlRequest) -> RequestRoute {
+    let Ok(op) = ControlOp::try_from(request.op) else { return RequestRoute::Unsupported };
+    RequestRoute::Loop(match op {
+        ControlOp::Query => return RequestRoute::Query,
+        ControlOp::Reload => return RequestRoute::Reload,
         ControlOp::Arm => Request::Arm,
         ControlOp::MoveHome => Request::MoveHome,
         ControlOp::Disarm => Request::Disarm,
@@ -35,7 +34,7 @@ pub fn asked(request: &ControlRequest) -> Asked {
         ControlOp::FreezeTrust => Request::FreezeTrust,
         ControlOp::SwitchPredictor => match request.predictor.as_str().and_then(PredictorKind::from_name) {
             Some(kind) => Request::SwitchPredictor(kind),
-            None => return Asked::UnknownPredictor,
+            None => return RequestRoute::UnknownPredictor,
         },
     })
 }
@@ -91,8 +90,8 @@ pub const fn refusal(refusal: Refusal) -> (ControlStatus, &'static str) {
         ),
         Refusal::NotFollowing => (
             ControlStatus::NotFollowing,
-            "the arm is not where it was told to be, or moves by itself: find out why, then disarm and arm \
-             anew",
+            "the arm is not where it was text to be, or moves by itself: find out why, then disarm and arm \
+             again",
         ),
         Refusal::AlreadyArmed => (ControlStatus::WrongMode, "the loop is armed already"),
         Refusal::DisarmFirst => {
@@ -124,17 +123,17 @@ mod tests {
     #[test]
     fn every_predictor_can_be_asked_for_by_name() {
         for kind in PredictorKind::ALL {
-            assert_eq!(asked(&switch_to(kind.name())), Asked::Loop(Request::SwitchPredictor(kind)));
+            assert_eq!(route(&switch_to(kind.name())), RequestRoute::Loop(Request::SwitchPredictor(kind)));
         }
     }
 
     #[test]
     fn a_name_that_nobody_has_is_refused_with_those_that_there_are() {
         for name in ["holdd", "ours", "a-predictor-of-27-bytes-000"] {
-            assert_eq!(asked(&switch_to(name)), Asked::UnknownPredictor);
-            let told = unknown_predictor(&switch_to(name));
-            assert!(told.contains(name) && told.contains("mixture"), "{told}");
-            assert!(told.len() <= MESSAGE_BYTES, "{}: {told}", told.len());
+            assert_eq!(route(&switch_to(name)), RequestRoute::UnknownPredictor);
+            let text = unknown_predictor(&switch_to(name));
+            assert!(text.contains(name) && text.contains("mixture"), "{text}");
+            assert!(text.len() <= MESSAGE_BYTES, "{}: {text}", text.len());
         }
         assert!(unknown_predictor(&switch_to("ours")).contains("is called mixture"));
     }

@@ -69,7 +69,6 @@ pub fn stop_detail(detail: &StopDetail) -> shm::StopDetail {
     }
 }
 
-/// A predictor's name.
 #[must_use]
 pub fn predictor(kind: PredictorKind) -> shm::PredictorName {
     // Every name of the registry fits.

@@ -32,12 +32,12 @@ pub fn turn() -> places::Turn {
 }
 
 /// A directory of this test only; removed at the end.
-pub struct Place {
+pub struct Site {
     pub root: std::path::PathBuf,
     pub number: u32,
 }
 
-impl Place {
+impl Site {
     pub fn new() -> Self {
         static COUNT: AtomicU32 = AtomicU32::new(0);
         let count = COUNT.fetch_add(1, Ordering::Relaxed);
@@ -56,7 +56,7 @@ impl Place {
     }
 }
 
-impl Drop for Place {
+impl Drop for Site {
     fn drop(&mut self) {
         let instance = self.instance();
         if let Ok(lock) = instance.lock() {
@@ -85,11 +85,11 @@ pub struct Running {
 }
 
 impl Running {
-    pub fn start(place: &Place, source: Source) -> Self {
+    pub fn start(site: &Site, source: Source) -> Self {
         let options = Options { rights: rights(), signals: false, ..Options::new(source) };
         let stop = options.stop.clone();
         let thread = std::thread::spawn(move || foretraced::run(&options));
-        let instance = place.instance();
+        let instance = site.instance();
         let running = Self { stop, thread };
         until("the daemon comes up", || {
             (instance.daemon().is_some() || running.thread.is_finished()).then_some(())
@@ -112,8 +112,8 @@ pub struct Operator {
 }
 
 impl Operator {
-    pub fn attach(place: &Place) -> Self {
-        let session = Session::open(&place.instance(), "operator").unwrap();
+    pub fn attach(site: &Site) -> Self {
+        let session = Session::open(&site.instance(), "operator").unwrap();
         let services = Services::open(&session).unwrap();
         Self {
             control: services.control.client().unwrap(),
@@ -183,9 +183,9 @@ impl Drop for Peer {
 }
 
 /// An arm at home that is exactly where it was commanded, and checks every command.
-pub fn arm(place: &Place) -> (Peer, Arc<ArmLog>) {
+pub fn arm(site: &Site) -> (Peer, Arc<ArmLog>) {
     let log = Arc::new(ArmLog::default());
-    let (seen, instance, source) = (log.clone(), place.instance(), place.source());
+    let (seen, instance, source) = (log.clone(), site.instance(), site.source());
     let peer = Peer::start(move |quit| {
         let config = source.load().unwrap();
         let settings = config.follower_settings();
@@ -227,8 +227,8 @@ pub fn arm(place: &Place) -> (Peer, Arc<ArmLog>) {
 }
 
 /// A pen that draws circles of 2 cm, 200 samples per second.
-pub fn pen(place: &Place) -> Peer {
-    let instance = place.instance();
+pub fn pen(site: &Site) -> Peer {
+    let instance = site.instance();
     Peer::start(move |quit| {
         let session = Session::open(&instance, "pen").unwrap();
         let services = Services::open(&session).unwrap();

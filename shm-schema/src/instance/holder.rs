@@ -1,6 +1,6 @@
 //! The places of which an instance has one, and who may hold them: kinds, names, signatures.
 //!
-//! Contract: names are for people; control characters and what is too long never leave here. A file that is
+//! Contract: names are for display; control characters and what is too long never leave here. A file that is
 //! no signature names nobody.
 
 use std::fmt;
@@ -101,7 +101,7 @@ pub struct Claimant {
 }
 
 impl Claimant {
-    /// A claimant with a name for people, such as a device or an address. Control characters become `?`, and
+    /// A claimant with a readable name, such as a device or an address. Control characters become `?`, and
     /// what is too long is cut.
     #[must_use]
     pub fn new(kind: HolderKind, name: &str) -> Self {

@@ -312,9 +312,9 @@ mod tests {
                 assert!(text.contains("planted.data belongs to user 65534"), "{text}");
             }
             Err(_) => {
-                let told = b"skipped in part: only root can plant another user's file\n";
+                let note = b"skipped in part: only root can plant another user's file\n";
                 // Not captured by the test runner.
-                let _ = std::io::Write::write_all(&mut std::io::stderr(), told);
+                let _ = std::io::Write::write_all(&mut std::io::stderr(), note);
             }
         }
     }

@@ -1,8 +1,9 @@
 //! Who holds a place of which there is one: the pen, and the dead-man switch.
 //!
 //! Contract: a place belongs to whoever holds the lock on its file in the instance's root, so it is free
-//! again however its holder ended. The file names the holder for people. A place is taken over only by asking
-//! its holder, who gives way by itself; a browser never gets the dead-man switch from anything but a browser.
+//! again however its holder ended. The file names the holder in readable form. A place is taken over only by
+//! asking its holder, who gives way by itself; a browser never gets the dead-man switch from anything but a
+//! browser.
 
 use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{self, Seek, Write};
@@ -227,18 +228,18 @@ mod tests {
     }
 
     #[test]
-    fn a_second_one_is_told_who_holds_the_place_and_gets_it_when_it_is_free() {
+    fn a_second_one_learns_who_holds_the_place_and_gets_it_when_it_is_free() {
         let (_folder, instance) = scratch();
         assert_eq!(instance.holder(Place::Pen), None);
         let claim = instance.claim(Place::Pen, &tablet()).unwrap();
         let holder = instance.holder(Place::Pen).unwrap();
         assert_eq!((&holder.who, holder.pid), (&tablet(), std::process::id()));
-        let told = instance.claim(Place::Pen, &browser()).unwrap_err().to_string();
+        let message = instance.claim(Place::Pen, &browser()).unwrap_err().to_string();
         let expected = format!(
             "the pen is held by the tablet /dev/input/event7 (process {}) since 0 s",
             std::process::id()
         );
-        assert!(told.starts_with(&expected), "{told}");
+        assert!(message.starts_with(&expected), "{message}");
         // The other place is another one.
         let _dead_man = instance.claim(Place::DeadMan, &browser()).unwrap();
         drop(claim);

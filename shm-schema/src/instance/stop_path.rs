@@ -242,7 +242,7 @@ fn line_of<'a>(text: &'a str, name: &str) -> Option<&'a str> {
 /// Whether `pid`, in this process's namespace, holds a write lock on the file; `None` if unknown.
 fn holds_lock(pid: u32, file: &fs::Metadata) -> Option<bool> {
     let inode = format!(":{}", file.ino());
-    let told = |text: &str| {
+    let names_it = |text: &str| {
         text.lines().any(|line| {
             let words: Vec<&str> = line.split_whitespace().collect();
             let at = words.iter().position(|word| *word == "FLOCK");
@@ -251,7 +251,7 @@ fn holds_lock(pid: u32, file: &fs::Metadata) -> Option<bool> {
         })
     };
     let locks = fs::read_to_string("/proc/locks").ok();
-    if locks.as_deref().is_some_and(told) {
+    if locks.as_deref().is_some_and(names_it) {
         return Some(true);
     }
     // Some kernels in containers list no locks; open files show the same, since only a daemon keeps this one

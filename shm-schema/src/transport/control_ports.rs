@@ -73,7 +73,7 @@ impl ControlTopic {
     ///
     /// # Errors
     ///
-    /// `NoPlace` if another one exists, `Middleware`.
+    /// `NoSlot` if another one exists, `Middleware`.
     pub fn server(&self, daemon_id: u64) -> Result<ControlServer, ServiceError> {
         let port = self
             .factory
@@ -82,7 +82,7 @@ impl ControlTopic {
             .backpressure_strategy(BackpressureStrategy::DiscardData)
             .create()
             .map_err(|error| match error {
-                ServerCreateError::ExceedsMaxSupportedServers => ServiceError::NoPlace {
+                ServerCreateError::ExceedsMaxSupportedServers => ServiceError::NoSlot {
                     service: CONTROL_SERVICE,
                     what: "servers",
                     limit: 1,
@@ -97,7 +97,7 @@ impl ControlTopic {
     ///
     /// # Errors
     ///
-    /// `NoPlace`, `Middleware`.
+    /// `NoSlot`, `Middleware`.
     pub fn client(&self) -> Result<ControlClient, ServiceError> {
         let port = self
             .factory
@@ -106,7 +106,7 @@ impl ControlTopic {
             .create()
             .map_err(|error| match error {
                 ClientCreateError::ExceedsMaxSupportedClients => {
-                    ServiceError::NoOperatorPlace { limit: CONTROL_CLIENTS, pids: self.operators() }
+                    ServiceError::NoOperatorSlot { limit: CONTROL_CLIENTS, pids: self.operators() }
                 }
                 other => ServiceError::Middleware { service: CONTROL_SERVICE, detail: other.to_string() },
             })?;

@@ -119,7 +119,7 @@ fn control_open_error(session: &Session, error: RequestResponseOpenError) -> Ser
             ours: CONTROL_LAYOUT,
         },
         E::ExceedsMaxNumberOfNodes => {
-            ServiceError::NoPlace { service, what: "process", limit: MAX_PEERS, pids: Vec::new() }
+            ServiceError::NoSlot { service, what: "process", limit: MAX_PEERS, pids: Vec::new() }
         }
         E::ServiceInCorruptedState | E::HangsInCreation => session.damaged(service),
         E::InsufficientPermissions => ServiceError::Permission { service },

@@ -47,7 +47,7 @@ impl<T: Message> Topic<T> {
     ///
     /// # Errors
     ///
-    /// `NoPlace` if another one exists, `Middleware`.
+    /// `NoSlot` if another one exists, `Middleware`.
     pub fn publisher(&self) -> Result<Publisher<T>, ServiceError> {
         let port = self
             .factory
@@ -56,7 +56,7 @@ impl<T: Message> Topic<T> {
             .backpressure_strategy(BackpressureStrategy::DiscardData)
             .create()
             .map_err(|error| match error {
-                PublisherCreateError::ExceedsMaxSupportedPublishers => ServiceError::NoPlace {
+                PublisherCreateError::ExceedsMaxSupportedPublishers => ServiceError::NoSlot {
                     service: T::SERVICE,
                     what: "publisher",
                     limit: T::QOS.publishers,
@@ -72,7 +72,7 @@ impl<T: Message> Topic<T> {
     ///
     /// # Errors
     ///
-    /// `NoPlace`, `BufferSize`, `Middleware`.
+    /// `NoSlot`, `BufferSize`, `Middleware`.
     pub fn subscriber(&self, buffer: usize, bounds: HeaderBounds) -> Result<Subscriber<T>, ServiceError> {
         if buffer == 0 || buffer > T::QOS.buffer {
             return Err(ServiceError::BufferSize {
@@ -83,7 +83,7 @@ impl<T: Message> Topic<T> {
         }
         let port =
             self.factory.subscriber_builder().buffer_size(buffer).create().map_err(|error| match error {
-                SubscriberCreateError::ExceedsMaxSupportedSubscribers => ServiceError::NoPlace {
+                SubscriberCreateError::ExceedsMaxSupportedSubscribers => ServiceError::NoSlot {
                     service: T::SERVICE,
                     what: "subscriber",
                     limit: T::QOS.subscribers,
@@ -105,7 +105,7 @@ impl<T: Message> Topic<T> {
 }
 
 impl<T: Message> Topic<T> {
-    /// Processes that hold a place for subscribers, ascending, once per place.
+    /// Processes that hold a slot of subscribers, ascending, once per slot.
     #[must_use]
     pub fn subscribers(&self) -> Vec<u32> {
         let mut pids = Vec::with_capacity(T::QOS.subscribers);

@@ -62,14 +62,14 @@ pub enum ServiceError {
     },
     /// All slots are taken.
     #[error("{service}: {} in use{}: end one of them", slots(*limit, what), by(pids))]
-    NoPlace {
+    NoSlot {
         /// Name of the service.
         service: &'static str,
         /// Kind of slot.
         what: &'static str,
         /// Number of slots.
         limit: usize,
-        /// Processes that hold them, once per slot, where they can be told.
+        /// Processes that hold them, once per slot, where they are known.
         pids: Vec<u32>,
     },
     /// All slots for operators are taken.
@@ -78,7 +78,7 @@ pub enum ServiceError {
          a stop needs \
          no place (`foretrace request stop`)"
     )]
-    NoOperatorPlace {
+    NoOperatorSlot {
         /// Number of slots.
         limit: usize,
         /// Processes that hold them, once per slot.
@@ -187,7 +187,7 @@ fn slots(limit: usize, what: &str) -> String {
     if limit == 1 { format!("the only {what} slot is") } else { format!("all {limit} {what} slots are") }
 }
 
-/// Who holds places, if that is known.
+/// Who holds the slots, if that is known.
 fn by(pids: &[u32]) -> String {
     let names: Vec<String> = pids.iter().map(|pid| program(*pid)).collect();
     if names.is_empty() { String::new() } else { format!(", by {}", names.join(", ")) }
@@ -321,12 +321,12 @@ mod tests {
     use crate::wire::vocabulary::RejectReason;
 
     #[test]
-    fn holders_of_places_are_named() {
-        let told = by(&[std::process::id(), u32::MAX]);
-        let (here, gone) = told.split_once("), ").unwrap();
+    fn holders_of_slots_are_named() {
+        let holders = by(&[std::process::id(), u32::MAX]);
+        let (here, gone) = holders.split_once("), ").unwrap();
         assert!(
             here.starts_with(", by `") && here.ends_with(&format!("(process {}", std::process::id())),
-            "{told}"
+            "{holders}"
         );
         assert_eq!(gone, format!("process {}", u32::MAX));
         assert_eq!(shown(b"a\x1b[2Jb"), "a?[2Jb");

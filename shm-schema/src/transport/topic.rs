@@ -99,7 +99,7 @@ impl<T: Message> Topic<T> {
     ///
     /// # Errors
     ///
-    /// `WrongLayout`, `DifferentQos`, `Damaged`, `Permission`, `NoPlace`, `Middleware`.
+    /// `WrongLayout`, `DifferentQos`, `Damaged`, `Permission`, `NoSlot`, `Middleware`.
     pub fn create(session: &Session) -> Result<Self, ServiceError> {
         let attributes = layout_required(T::SERVICE, T::LAYOUT_HASH)?;
         let factory = builder::<T>(session)?.open_or_create_with_attributes(&attributes).map_err(
@@ -124,7 +124,7 @@ impl<T: Message> Topic<T> {
     ///
     /// # Errors
     ///
-    /// `NoDaemon`, `WrongLayout`, `DifferentQos`, `Damaged`, `Permission`, `NoPlace`, `Middleware`.
+    /// `NoDaemon`, `WrongLayout`, `DifferentQos`, `Damaged`, `Permission`, `NoSlot`, `Middleware`.
     pub fn open(session: &Session) -> Result<Self, ServiceError> {
         let factory = builder::<T>(session)?.open().map_err(|error| open_error::<T>(session, error))?;
         Self { factory: Arc::new(factory) }.verified()
@@ -312,7 +312,7 @@ fn open_error<T: Message>(session: &Session, error: PublishSubscribeOpenError) -
         E::DoesNotSupportRequestedMinSubscriberBorrowedSamples => fewer("borrowed samples", 1),
         E::IncompatibleOverflowBehavior => fewer("safe overflow", 1),
         E::ExceedsMaxNumberOfNodes => {
-            ServiceError::NoPlace { service, what: "process", limit: MAX_PEERS, pids: Vec::new() }
+            ServiceError::NoSlot { service, what: "process", limit: MAX_PEERS, pids: Vec::new() }
         }
         E::ServiceInCorruptedState | E::HangsInCreation => session.damaged(service),
         E::InsufficientPermissions => ServiceError::Permission { service },

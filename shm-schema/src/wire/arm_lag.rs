@@ -33,3 +33,15 @@ impl ArmLag {
         self.std_s >= 0.0
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_lag_is_known_by_its_deviation() {
+        let unknown = ArmLag::unknown(7);
+        assert!(unknown.dead_time_ns == 7 && !unknown.is_known());
+        assert!(ArmLag { std_s: 0.0, ..unknown }.is_known() && ArmLag { std_s: 0.1, ..unknown }.is_known());
+    }
+}

@@ -39,7 +39,7 @@ wire! {
     /// What happened, and what to do about it: UTF-8, padded with NUL.
     "foretrace.NoteWordsV1"
     pub struct NoteWords {
-        /// What happened; all NUL: nothing is said.
+        /// What happened; all NUL: none.
         pub text: [u8; NOTE_BYTES],
         /// What to do about it.
         pub to_do: [u8; NOTE_BYTES],
@@ -53,13 +53,13 @@ impl NoteWords {
         Self { text: packed(text), to_do: packed(to_do) }
     }
 
-    /// What happened; `None`: nothing is said.
+    /// What happened; `None`: none.
     #[must_use]
     pub fn text(&self) -> Option<String> {
         Some(unpacked(&self.text)).filter(|text| !text.is_empty())
     }
 
-    /// What to do about it; `None`: nothing is said.
+    /// What to do about it; `None`: none.
     #[must_use]
     pub fn to_do(&self) -> Option<String> {
         Some(unpacked(&self.to_do)).filter(|text| !text.is_empty())
@@ -91,14 +91,14 @@ fn packed(text: &str) -> [u8; NOTE_BYTES] {
 fn unpacked(bytes: &[u8; NOTE_BYTES]) -> String {
     let end = bytes.iter().position(|byte| *byte == 0).unwrap_or(NOTE_BYTES);
     let text = String::from_utf8_lossy(bytes.get(..end).unwrap_or_default());
-    text.chars().fold(String::new(), |mut said, char| {
+    text.chars().fold(String::new(), |mut shown, char| {
         if is_plain(char) {
-            said.push(char);
+            shown.push(char);
         } else {
             // Writing to a String cannot fail.
-            let _ = write!(said, "{}", char.escape_unicode());
+            let _ = write!(shown, "{}", char.escape_unicode());
         }
-        said
+        shown
     })
 }
 
@@ -142,5 +142,21 @@ mod tests {
         assert!(hostile.to_do().unwrap().starts_with("\\u{1b}"));
         let turned = NoteWords::new("a\u{202e}b\nc", "");
         assert_eq!(turned.text().as_deref(), Some("a\\u{202e}b\\u{a}c"));
+    }
+
+    #[test]
+    fn refusals_of_a_note_say_by_how_much_it_is_early() {
+        let note = ArmNote { since_ns: 1_500_000_000, ..ArmNote::default() };
+        let refused = note.validate().unwrap_err();
+        assert!((refused.value - 1.5).abs() < 1e-9 && refused.field == "since_ns", "{refused}");
+        assert_eq!(NoteWords::new("a", "b").to_do().as_deref(), Some("b"));
+    }
+
+    #[test]
+    fn a_text_is_cut_as_late_as_it_can_be() {
+        for (text, kept) in [("a".repeat(192), 192), ("a".repeat(193), 189), ("é".repeat(97), 188)] {
+            let back = NoteWords::new(&text, "").text().unwrap();
+            assert_eq!(back.trim_end_matches(CUT).len(), kept);
+        }
     }
 }

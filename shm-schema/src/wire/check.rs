@@ -241,20 +241,122 @@ mod tests {
 
     #[test]
     fn words_name_field_value_bound_and_what_it_most_likely_is() {
-        let told = |rejection: Rejection| rejection.to_string();
+        let text = |rejection: Rejection| rejection.to_string();
         let degrees = within("q", &[0.0, 0.0, 57.3], 12.6).unwrap_err();
-        assert_eq!(told(degrees), "q[2] = 57.3000 rad, legal ±12.6000 rad: degrees?");
+        assert_eq!(text(degrees), "q[2] = 57.3000 rad, legal ±12.6000 rad: degrees?");
         let nan = within("qd", &[f64::NAN], 100.0).unwrap_err();
-        assert_eq!(told(nan), "qd[0] = NaN: it must be a finite number");
+        assert_eq!(text(nan), "qd[0] = NaN: it must be a finite number");
         let future = Rejection::new(RejectReason::FromTheFuture, "stamp_ns");
         assert!(
-            told(future.because(0.41, 0.02))
+            text(future.because(0.41, 0.02))
                 .starts_with("stamp_ns lies 0.410 s in the future, allowed 0.020 s")
         );
-        assert!(told(future.because(1.7e9, 0.02)).contains("the time of day?"));
+        assert!(text(future.because(1.7e9, 0.02)).contains("the time of day?"));
         for reason in RejectReason::ALL {
-            let words = told(Rejection::new(*reason, "stamp_ns"));
+            let words = text(Rejection::new(*reason, "stamp_ns"));
             assert!(words.starts_with("stamp_ns") && words.len() > "stamp_ns".len() + 5, "{words}");
         }
+    }
+
+    /// The text of a refusal of `field` with this evidence.
+    fn words(reason: RejectReason, field: &'static str, value: f64, bound: f64) -> String {
+        Rejection::new(reason, field).because(value, bound).to_string()
+    }
+
+    #[test]
+    fn guesses_end_where_degrees_do() {
+        let out = |field, value| words(RejectReason::OutOfRange, field, value, 12.0);
+        for (field, value, wanted) in [
+            ("q", 720.0, "q = 720.0000 rad, legal ±12.0000 rad: degrees?"),
+            ("q", -721.0, "q = -721.0000 rad, legal ±12.0000 rad"),
+            ("qd", -3600.0, "qd = -3600.0000 rad/s, legal ±12.0000 rad/s: degrees per second?"),
+            ("qd", 3601.0, "qd = 3601.0000 rad/s, legal ±12.0000 rad/s"),
+            ("x_m", 152.0, "x_m = 152.0000 m, legal ±12.0000 m: millimetres or pixels?"),
+            ("y_m", -152.0, "y_m = -152.0000 m, legal ±12.0000 m: millimetres or pixels?"),
+            ("pressure", 40.0, "pressure = 40.0000, legal ±12.0000: it goes from 0 to 1"),
+            ("tilt_x_rad", 40.0, "tilt_x_rad = 40.0000 rad, legal ±12.0000 rad"),
+            ("tilt_y_rad", 40.0, "tilt_y_rad = 40.0000 rad, legal ±12.0000 rad"),
+            ("effort", 40.0, "effort = 40.0000, legal ±12.0000"),
+        ] {
+            assert_eq!(out(field, value), wanted);
+        }
+    }
+
+    #[test]
+    fn the_edge_of_a_device_is_one_sided_and_that_of_the_wire_is_not() {
+        let out = |bound| words(RejectReason::OutOfRange, "y_m", 11.0, bound);
+        assert!(
+            out(-0.2).contains("beyond the edge of the device at -0.2000 m (pen.bounds_m)"),
+            "{}",
+            out(-0.2)
+        );
+        assert!(out(PEN_POSITION_LIMIT_M).contains("legal ±10.0000 m"));
+        assert_eq!(words(RejectReason::OutOfRange, "q", 1.0, f64::NAN), "q is out of range");
+        assert!(words(RejectReason::OutOfRange, "q", 1.0, 0.5).contains("legal ±0.5000 rad"));
+    }
+
+    #[test]
+    fn echoes_and_names_are_explained_in_words_of_their_own() {
+        for (field, wanted) in [
+            ("command_tick", " = 7 names no command of this daemon, whose newest is 5"),
+            ("pen_sequence", " = 7 is not the pen sample of that command, which is 5"),
+            ("command_accepted_ns", " lies 7.000000 s before that command was sent"),
+            ("predictor", " is not a name: 1 to 27 lower-case letters"),
+        ] {
+            let text = words(RejectReason::OutOfRange, field, 7.0, 5.0);
+            assert!(text.starts_with(&format!("{field}{wanted}")), "{text}");
+        }
+    }
+
+    #[test]
+    fn stamps_say_by_how_much_and_values_without_evidence_only_why() {
+        let stamp = |reason, value| words(reason, "stamp_ns", value, 0.5);
+        assert!(stamp(RejectReason::FromTheFuture, ANOTHER_CLOCK_S).contains("allowed 0.500 s"));
+        assert!(stamp(RejectReason::FromTheFuture, ANOTHER_CLOCK_S + 1.0).contains("the time of day?"));
+        assert_eq!(stamp(RejectReason::FromTheFuture, f64::NAN), "stamp_ns lies in the future");
+        assert!(words(RejectReason::FromTheFuture, "sent_ns", 7e3, 0.1).contains("7000.000 s in the future"));
+        assert!(stamp(RejectReason::TooOld, 2.0).starts_with("stamp_ns is 2.000 s old, allowed 0.500 s"));
+        assert_eq!(stamp(RejectReason::TooOld, f64::NAN), "stamp_ns: too old");
+        assert!(
+            stamp(RejectReason::TimeBackwards, 2.0).contains("lies 2.000000 s before the message before")
+        );
+        assert_eq!(stamp(RejectReason::TimeBackwards, f64::NAN), "stamp_ns: time backwards");
+        assert!(stamp(RejectReason::Replayed, 2.0).ends_with("was seen already: replayed, or two senders"));
+        assert!(stamp(RejectReason::ForeignBoot, 2.0).contains("is of another boot of this machine"));
+        assert_eq!(words(RejectReason::UnknownEnum, "mode", 9.0, 0.0), "mode = 9 is not a known value");
+        assert_eq!(words(RejectReason::UnknownEnum, "mode", f64::NAN, 0.0), "mode: unknown enum");
+    }
+
+    #[test]
+    fn refusals_are_equal_by_reason_and_field_whatever_the_evidence() {
+        let refused = Rejection::new(RejectReason::TooOld, "stamp_ns");
+        assert_eq!(refused, refused.because(1.0, 2.0).at(3));
+        assert_ne!(refused, Rejection::new(RejectReason::TooOld, "sent_ns"));
+        assert_ne!(refused, Rejection::new(RejectReason::Replayed, "stamp_ns"));
+    }
+
+    #[test]
+    fn counts_add_up_and_stay_at_the_largest() {
+        let mut counts = Rejections::ZERO;
+        let refused = Rejection::new(RejectReason::TooOld, "stamp_ns");
+        (0..3).for_each(|_| counts.count(refused));
+        counts.count(Rejection::new(RejectReason::Replayed, "sequence"));
+        assert_eq!((counts.of(RejectReason::TooOld), counts.of(RejectReason::NotFinite)), (3, 0));
+        assert_eq!(counts.total(), 4);
+        counts.by_reason[RejectReason::TooOld as usize] = u64::MAX;
+        counts.count(refused);
+        assert_eq!((counts.of(RejectReason::TooOld), counts.total()), (u64::MAX, u64::MAX));
+    }
+
+    #[test]
+    fn masks_may_have_known_bits_only_and_unknown_numbers_are_quoted() {
+        for (mask, ok) in [(0, true), (0b100, true), (0b101, true), (0b010, false), (0b111, false)] {
+            assert_eq!(flags("flags", mask, 0b101).is_ok(), ok, "{mask:b}");
+        }
+        let mode: Result<crate::Mode, Rejection> = known("mode", 99_u32);
+        let refused = mode.unwrap_err();
+        assert_eq!((refused.reason, refused.field, refused.value), (RejectReason::UnknownEnum, "mode", 99.0));
+        assert_eq!(known::<u32, crate::Mode>("mode", 2), Ok(crate::Mode::Following));
+        assert_eq!(number("x", 2.0, 1.0).unwrap_err().bound, 1.0);
     }
 }

@@ -37,4 +37,10 @@ mod tests {
         assert_ne!(host_boot_id(), 0);
         assert_eq!(host_boot_id(), host_boot_id());
     }
+
+    #[test]
+    fn the_boot_id_is_the_hash_of_the_kernels() {
+        let text = std::fs::read_to_string("/proc/sys/kernel/random/boot_id").unwrap_or_default();
+        assert_eq!(host_boot_id(), fnv1a(text.trim().as_bytes()).max(1));
+    }
 }

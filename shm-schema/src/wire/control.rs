@@ -54,7 +54,7 @@ wire! {
         pub message_len: u32,
         /// Zero.
         pub reserved: u32,
-        /// Text for people, UTF-8.
+        /// Readable text, UTF-8.
         pub message: [u8; MESSAGE_BYTES],
     }
 }
@@ -215,5 +215,39 @@ mod tests {
         assert_eq!(response.text().chars().count(), MESSAGE_BYTES);
         assert!(response.validate().is_err());
         assert_eq!(ControlResponse { status: 9, ..Default::default() }.outcome(), ControlStatus::Internal);
+    }
+
+    #[test]
+    fn only_known_statuses_from_zero_up_are_success() {
+        for (status, success) in [(0, true), (1, true), (2, false), (-1, false), (-21, false), (-99, false)] {
+            assert_eq!(ControlResponse { status, ..Default::default() }.is_success(), success, "{status}");
+        }
+    }
+
+    #[test]
+    fn an_answer_shows_its_status_and_its_text_if_there_is_one() {
+        let request = ControlRequest { token: 7, ..request(ControlOp::Arm) };
+        let answer = ControlResponse::to(&request, ControlStatus::Busy, "wait");
+        assert_eq!(
+            (answer.token, answer.outcome(), answer.text()),
+            (7, ControlStatus::Busy, "wait".to_owned())
+        );
+        assert_eq!(answer.to_string(), "busy: wait");
+        assert_eq!(ControlResponse::to(&request, ControlStatus::Ok, "").to_string(), "ok");
+    }
+
+    #[test]
+    fn numbers_of_requests_and_answers_are_bounded() {
+        for (value, ok) in [(1e6, true), (-1e6, true), (1.1e6, false), (f64::INFINITY, false)] {
+            assert_eq!(
+                ControlRequest { value, ..request(ControlOp::Query) }.validate().is_ok(),
+                ok,
+                "{value}"
+            );
+        }
+        for (message_len, status, ok) in [(160, 0, true), (161, 0, false), (0, 2, false), (0, -21, true)] {
+            let answer = ControlResponse { message_len, status, ..Default::default() };
+            assert_eq!(answer.validate().is_ok(), ok, "{message_len} {status}");
+        }
     }
 }

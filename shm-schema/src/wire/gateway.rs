@@ -217,4 +217,26 @@ mod tests {
         }
         assert!(accepted > 50_000, "{accepted}");
     }
+
+    #[test]
+    fn every_field_of_the_body_is_read_from_its_own_offset() {
+        let mut bytes = [0; BODY_BYTES as usize];
+        let put =
+            |bytes: &mut Body, at: usize, field: &[u8]| bytes[at..at + field.len()].copy_from_slice(field);
+        put(&mut bytes, 0, &GATEWAY_VERSION.to_le_bytes());
+        put(&mut bytes, 2, &KIND_SAMPLE.to_le_bytes());
+        put(&mut bytes, 4, &0x0304_0506_u32.to_le_bytes());
+        put(&mut bytes, 12, &0x1112_1314_1516_1718_u64.to_le_bytes());
+        for (at, number) in [(20, 1.25_f64), (28, -2.5)] {
+            put(&mut bytes, at, &number.to_le_bytes());
+        }
+        for (at, number) in [(36, 0.75_f32), (40, 0.5), (44, -0.125)] {
+            put(&mut bytes, at, &number.to_le_bytes());
+        }
+        let Frame(sample) = Frame::decode(&bytes).unwrap();
+        assert_eq!((sample.flags, sample.device_stamp_ns), (0x0304_0506, 0x1112_1314_1516_1718));
+        assert_eq!((sample.x_m, sample.y_m, sample.pressure), (1.25, -2.5, 0.75));
+        assert_eq!((sample.tilt_x_rad, sample.tilt_y_rad), (0.5, -0.125));
+        assert_eq!(Frame::decode(&[0; 49]).unwrap_err().to_string(), "a frame of length 49, expected 48");
+    }
 }

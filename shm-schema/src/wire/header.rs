@@ -188,4 +188,36 @@ mod tests {
         check.admit(&header(1, 2), 0).unwrap();
         assert_eq!(check.dropped(), u64::MAX - 1);
     }
+
+    #[test]
+    fn the_same_number_with_a_later_stamp_is_another_sender() {
+        let mut check = check();
+        check.admit(&header(3, 100), 100).unwrap();
+        check.admit(&header(3, 101), 101).unwrap();
+        assert_eq!((check.dropped(), check.restarts(), check.last()), (2, 1, Some(header(3, 101))));
+        assert_eq!(HeaderCheck::new(BOOT, HeaderBounds::DEFAULT).last(), None);
+    }
+
+    #[test]
+    fn refusals_carry_seconds_and_leave_the_memory_as_it_was() {
+        let second = 1_000_000_000;
+        let bounds = HeaderBounds { future_ns: second, age_ns: 4 * second };
+        let mut check = HeaderCheck::new(BOOT, bounds);
+        let evidence = |result: Result<(), Rejection>| {
+            let refused = result.unwrap_err();
+            [refused.value, refused.bound].map(|seconds| (seconds * 10.0).round() / 10.0)
+        };
+        assert_eq!(evidence(check.admit(&header(1, 13 * second), 10 * second)), [3.0, 1.0]);
+        assert_eq!(evidence(check.admit(&header(1, 3 * second), 10 * second)), [7.0, 4.0]);
+        check.admit(&header(5, 10 * second), 10 * second).unwrap();
+        assert_eq!(evidence(check.admit(&header(6, 8 * second), 10 * second)), [2.0, 0.0]);
+        assert_eq!(evidence(check.admit(&header(4, 9 * second), 10 * second)), [4.0, 5.0]);
+        assert_eq!((check.last(), check.dropped()), (Some(header(5, 10 * second)), 0));
+    }
+
+    #[test]
+    fn ages_count_from_the_stamp_and_are_zero_before_it() {
+        assert_eq!([90, 100, 140].map(|now_ns| header(1, 100).age_ns(now_ns)), [0, 0, 40]);
+        assert_eq!(HeaderBounds::DEFAULT, HeaderBounds { future_ns: 10_000_000, age_ns: u64::MAX });
+    }
 }

@@ -172,4 +172,34 @@ mod tests {
         let state = JointState { line, ..Default::default() };
         assert_eq!(state.validate(), Err(Rejection::new(RejectReason::UnknownFlags, "line.flags")));
     }
+
+    #[test]
+    fn an_echo_names_the_command_and_its_pen_sample() {
+        let command = JointCommand { tick: 3, pen_sequence: 4, pen_stamp_ns: 5, ..Default::default() };
+        let mut state = JointState::default();
+        state.echo(&command, 6);
+        let echoed = [state.command_tick, state.pen_sequence, state.pen_stamp_ns, state.command_accepted_ns];
+        assert_eq!(echoed, [3, 4, 5, 6]);
+    }
+
+    #[test]
+    fn bounds_are_legal_themselves_and_every_number_has_one() {
+        let state = JointState {
+            q: [JOINT_POSITION_LIMIT_RAD; JOINTS],
+            qd: [-JOINT_VELOCITY_LIMIT_RADPS; JOINTS],
+            effort: [EFFORT_LIMIT; JOINTS],
+            ..Default::default()
+        };
+        assert_eq!(state.validate(), Ok(()));
+        let beyond = JointState { effort: [1.01 * EFFORT_LIMIT; JOINTS], ..state };
+        assert_eq!(beyond.validate().unwrap_err().field, "effort");
+        let command = JointCommand { q: state.q, qd: state.qd, ..Default::default() };
+        assert_eq!(command.validate(), Ok(()));
+        for (joint, field) in [(12.6, "q"), (-12.6, "q")] {
+            let beyond = JointCommand { q: [joint; JOINTS], ..command };
+            assert_eq!(beyond.validate().unwrap_err().field, field);
+        }
+        // Two turns: 12.566 rad.
+        assert!((JOINT_POSITION_LIMIT_RAD - 12.566).abs() < 1e-3);
+    }
 }

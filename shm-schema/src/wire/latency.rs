@@ -50,4 +50,11 @@ mod tests {
         }
         assert_eq!(Latency::bin(u64::MAX), LATENCY_BINS - 1);
     }
+
+    #[test]
+    fn edges_double_from_sixteen_microseconds_and_the_last_is_open() {
+        assert_eq!([0, 1, 2, 10].map(Latency::edge_us), [16.0, 32.0, 64.0, 16_384.0]);
+        assert_eq!(Latency::edge_us(LATENCY_BINS - 2), 16.0 * 262_144.0);
+        assert_eq!(Latency::edge_us(LATENCY_BINS - 1), f64::INFINITY);
+    }
 }

@@ -243,4 +243,27 @@ mod tests {
         assert!(!is_gapless(&[field(0, 4), field(8, 8)], 16));
         assert!(!is_gapless(&[field(0, 8), field(8, 4)], 16));
     }
+
+    #[test]
+    fn numbers_and_arrays_come_back_from_their_little_endian_bytes() {
+        let mut bytes = Vec::new();
+        [0x0102_u16, 0x0304].put(&mut bytes);
+        (-1.5_f64).put(&mut bytes);
+        assert_eq!(bytes[..4], [2, 1, 4, 3]);
+        let mut rest = &bytes[..];
+        assert_eq!(<[u16; 2]>::get(&mut rest), Some([0x0102, 0x0304]));
+        assert_eq!((f64::get(&mut rest), rest.len()), (Some(-1.5), 0));
+        assert_eq!((u8::get(&mut rest), <[u8; 2]>::get(&mut &bytes[..1])), (None, None));
+    }
+
+    #[test]
+    fn a_layout_fills_its_type_and_has_no_overlap() {
+        let field = |offset, size| Field { name: "x", offset, size, type_hash: 0 };
+        assert!(is_gapless(&[], 0) && !is_gapless(&[], 1));
+        assert!(!is_gapless(&[field(0, 4), field(2, 4)], 8) && !is_gapless(&[field(4, 4)], 8));
+        let hash = |name, size, fields: &[Field]| layout_hash(name, size, fields);
+        let one = hash("a", 4, &[field(0, 4)]);
+        assert!(one != hash("b", 4, &[field(0, 4)]) && one != hash("a", 8, &[field(0, 4)]));
+        assert_ne!(hash("a", 4, &[field(0, 4), field(4, 4)]), hash("a", 4, &[field(0, 4), field(5, 4)]));
+    }
 }

@@ -92,4 +92,24 @@ mod tests {
             assert_eq!(sample.validate(), Err(Rejection::new(reason, field)));
         }
     }
+
+    #[test]
+    fn bounds_are_legal_themselves_and_contact_is_one_bit() {
+        let edge = PenSample {
+            x_m: PEN_POSITION_LIMIT_M,
+            y_m: -PEN_POSITION_LIMIT_M,
+            pressure: 1.0,
+            tilt_x_rad: 3.1,
+            tilt_y_rad: -3.1,
+            ..good()
+        };
+        assert_eq!(edge.validate(), Ok(()));
+        assert_eq!(PenSample { tilt_y_rad: 3.2, ..good() }.validate().unwrap_err().field, "tilt_y_rad");
+        assert_eq!(
+            PenSample { pressure: f32::NEG_INFINITY, ..good() }.validate().unwrap_err().field,
+            "pressure"
+        );
+        assert_eq!(PenSample { pressure: 0.0, ..good() }.validate(), Ok(()));
+        assert!(!PenSample { flags: pen_flags::ALL & !pen_flags::CONTACT, ..good() }.contact());
+    }
 }

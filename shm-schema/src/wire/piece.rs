@@ -166,8 +166,8 @@ impl Assembly {
         Some(Thing { kind: kind?, number: piece.number, daemon_id: piece.daemon_id, bytes })
     }
 
-    /// The listener begins anew; what it has counted stays.
-    pub fn listen_anew(&mut self) {
+    /// The listener begins again; what it has counted stays.
+    pub fn restart(&mut self) {
         *self = Self { broken: self.broken, ..Self::default() };
     }
 
@@ -237,7 +237,7 @@ mod tests {
         assert_eq!(add(&b[1..]), (0, 3));
         assert_eq!(add(&[a[0], b[1], b[2]]), (0, 5), "the end of one and the beginning of the next");
         assert_eq!(add(&a), (1, 5));
-        assembly.listen_anew();
+        assembly.restart();
         assert!(assembly.add(&a[2]).is_none() && assembly.broken() == 5);
     }
 
@@ -254,5 +254,43 @@ mod tests {
             let refused = piece.validate().unwrap_err();
             assert_eq!((refused.reason, refused.field), (RejectReason::OutOfRange, field));
         }
+    }
+
+    #[test]
+    fn sizes_at_their_bounds_are_legal() {
+        let good = pieces(&[1; 100])[0];
+        let legal = [
+            Piece { total: LARGEST_THING_BYTES, ..good },
+            Piece { offset: 100, length: 0, ..good },
+            Piece { total: LARGEST_THING_BYTES, length: PIECE_BYTES as u32, ..good },
+        ];
+        assert!(legal.iter().all(|piece| piece.validate() == Ok(())));
+        let refused = Piece { offset: 101, ..good }.validate().unwrap_err();
+        assert_eq!((refused.value, refused.bound), (101.0, 100.0));
+        let middle = Piece::of(PieceKind::Weights, 4, 9, &[5; PIECE_BYTES + 7], 3, PIECE_BYTES);
+        let described = (middle.daemon_id, middle.number, middle.hash, middle.kind);
+        assert_eq!((described, middle.length, middle.offset), ((9, 4, 3, 1), 7, PIECE_BYTES as u64));
+        assert_eq!((middle.content(), middle.bytes[7]), (&[5; 7][..], 0));
+    }
+
+    #[test]
+    fn pieces_of_another_daemon_number_size_hash_or_kind_belong_to_another_thing() {
+        let whole = pieces(&[3; 2 * PIECE_BYTES]);
+        let second = whole[1];
+        for other in [
+            Piece { daemon_id: 2, ..second },
+            Piece { number: 8, ..second },
+            Piece { total: second.total + 1, ..second },
+            Piece { hash: 1, ..second },
+            Piece { kind: PieceKind::Weights.into(), ..second },
+        ] {
+            let mut assembly = Assembly::default();
+            assert!(assembly.add(&whole[0]).is_none() && assembly.add(&other).is_none());
+            assert!(assembly.broken() > 0 && assembly.add(&second).is_none());
+        }
+        let mut assembly = Assembly::default();
+        assert!(assembly.add(&whole[0]).is_none());
+        let thing = assembly.add(&second).unwrap();
+        assert_eq!((thing.kind, thing.number, thing.daemon_id), (PieceKind::State, 7, 1));
     }
 }

@@ -111,4 +111,10 @@ mod tests {
         assert_eq!(PredictorName::NONE.check("predictor"), Ok(()));
         assert!(PredictorName::NONE.check_named("predictor").is_err());
     }
+
+    #[test]
+    fn names_pad_like_text() {
+        let name = PredictorName::new("hold").unwrap();
+        assert_eq!(format!("[{name:>6}|{:<8}]", PredictorName::NONE), "[  hold|unknown ]");
+    }
 }

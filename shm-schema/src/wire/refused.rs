@@ -155,4 +155,19 @@ mod tests {
             );
         }
     }
+
+    #[test]
+    fn nothing_refused_and_unknown_numbers_are_no_refusal() {
+        let refused = Refused::of(&Rejection::new(RejectReason::TooOld, "stamp_ns").at(4), 9);
+        assert_eq!((refused.reason, refused.field, refused.index, refused.at_ns), (8, 12, 4, 9));
+        assert_eq!(Refused::of(&Rejection::new(RejectReason::TooOld, "no such field"), 9).field, 0);
+        assert_eq!(refused.rejection().unwrap().index, Some(4));
+        let unknown = [
+            Refused { at_ns: 0, ..refused },
+            Refused { reason: 99, ..refused },
+            Refused { field: 99, ..refused },
+        ];
+        assert!(unknown.iter().all(|refused| refused.rejection().is_none()));
+        assert_eq!(Refused { index: -1, ..refused }.rejection().unwrap().index, None);
+    }
 }

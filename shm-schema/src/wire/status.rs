@@ -93,7 +93,7 @@ wire_enum! {
         Off = 0 => "off",
         /// The tool or its ghost is still on its way to the pen.
         Approaching = 1 => "approaching",
-        /// Ticks were missing; the ghost starts anew and is given time to settle.
+        /// Ticks were missing; the ghost starts again and is given time to settle.
         Settling = 2 => "settling",
         /// Compared.
         Comparable = 3 => "comparable",
@@ -252,5 +252,33 @@ mod tests {
         assert_eq!(status.validate(), Err(Rejection::new(RejectReason::UnknownEnum, "mode")));
         let status = Status { missing_rights: u32::MAX, ..Default::default() };
         assert_eq!(status.validate().unwrap_err().reason, RejectReason::UnknownFlags);
+    }
+
+    #[test]
+    fn a_stage_has_its_own_distribution() {
+        let mut status = Status::default();
+        status.stages[Stage::Ik as usize].p50_ns = 7;
+        let medians = [Stage::Ik, Stage::Mpc, Stage::Step].map(|stage| status.stage(stage).p50_ns);
+        assert_eq!(medians, [7, 0, 0]);
+    }
+
+    #[test]
+    fn every_number_of_a_vocabulary_is_checked_by_name() {
+        type Spoil = fn(&mut Status);
+        let cases: [(&str, Spoil); 8] = [
+            ("mode", |status| status.mode = 99),
+            ("fault", |status| status.fault = 99),
+            ("stop.cause", |status| status.stop.cause = 99),
+            ("trust_reason", |status| status.trust_reason = 5),
+            ("predictor", |status| status.predictor.bytes[0] = 0xff),
+            ("ghost_state", |status| status.ghost_state = 4),
+            ("arm_line.flags", |status| status.arm_line.flags = 1 << 31),
+            ("missing_rights", |status| status.missing_rights = 1 << 31),
+        ];
+        for (field, spoil) in cases {
+            let mut status = Status::default();
+            spoil(&mut status);
+            assert_eq!(status.validate().unwrap_err().field, field);
+        }
     }
 }

@@ -67,7 +67,7 @@ impl StopDetail {
     pub const NONE: Self = Self { cause: 0, joint: -1, amount: 0.0, limit: 0.0, at_ns: 0 };
 }
 
-/// One sentence for people, without the reason itself; empty where there is nothing to add.
+/// One readable sentence, without the reason itself; empty where there is nothing to add.
 impl fmt::Display for StopDetail {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { amount, limit, joint, .. } = *self;
@@ -189,5 +189,12 @@ mod tests {
             assert!(text.contains(amount) && text.contains(limit), "{text}");
         }
         assert_eq!(StopDetail::NONE.to_string(), "");
+    }
+
+    #[test]
+    fn an_arm_that_stands_still_as_a_whole_names_no_joint() {
+        let of =
+            |joint| StopDetail { cause: StopCause::NoMotion.into(), joint, ..StopDetail::NONE }.to_string();
+        assert!(of(-1).starts_with("the arm stands still") && of(0).starts_with("joint 0 stands still"));
     }
 }

@@ -146,3 +146,40 @@ impl Validate for TickInput {
         self.request_predictor.check("request_predictor")
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pen_samples_fill_one_part_after_the_other() {
+        let counts = [0, 1, 8, 9, 16, 17];
+        assert_eq!(counts.map(TickInput::parts_for), [1, 1, 1, 2, 2, 3]);
+        let here = |part, pen_samples| TickInput { part, pen_samples, ..TickInput::default() }.pen().len();
+        assert_eq!([here(0, 0), here(0, 5), here(0, 8), here(0, 11)], [0, 5, 8, 8]);
+        assert_eq!([here(1, 8), here(1, 11), here(2, 17), here(u32::MAX, 17)], [0, 3, 1, 0]);
+        assert_eq!(here(0, u32::MAX), PEN_PER_PART);
+    }
+
+    #[test]
+    fn every_number_of_a_vocabulary_is_checked_by_name() {
+        type Spoil = fn(&mut TickInput);
+        let cases: [(&str, Spoil); 9] = [
+            ("flags", |input| input.flags = 1 << 31),
+            ("request", |input| input.request = 99),
+            ("halt", |input| input.halt = 99),
+            ("halt_detail.cause", |input| input.halt_detail.cause = 99),
+            ("effort_unit", |input| input.effort_unit = 99),
+            ("mode", |input| input.mode = 99),
+            ("rung", |input| input.rung = 99),
+            ("fault", |input| input.fault = 99),
+            ("request_predictor", |input| input.request_predictor.bytes[0] = 0xff),
+        ];
+        assert_eq!(TickInput::default().validate(), Ok(()));
+        for (field, spoil) in cases {
+            let mut input = TickInput::default();
+            spoil(&mut input);
+            assert_eq!(input.validate().unwrap_err().field, field);
+        }
+    }
+}

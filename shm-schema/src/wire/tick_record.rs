@@ -288,4 +288,36 @@ mod tests {
             (u32::MAX, 3, 0)
         );
     }
+
+    #[test]
+    fn the_path_has_as_many_points_as_it_says_and_no_more_than_there_are() {
+        let path_m = std::array::from_fn(|i| i as f32);
+        let of = |path_points| TickRecord { path_m, path_points, ..Default::default() };
+        assert_eq!(of(2).path().collect::<Vec<_>>(), [[0.0, 1.0], [2.0, 3.0]]);
+        assert_eq!([0, 1, u32::MAX].map(|points| of(points).path().count()), [0, 1, PATH_POINTS]);
+    }
+
+    #[test]
+    fn every_number_of_a_vocabulary_is_checked_by_name() {
+        type Spoil = fn(&mut TickRecord);
+        let cases: [(&str, Spoil); 11] = [
+            ("trust_reason", |record| record.trust_reason = 99),
+            ("rung", |record| record.rung = 99),
+            ("mode", |record| record.mode = 99),
+            ("fault", |record| record.fault = 99),
+            ("stop.cause", |record| record.stop.cause = 99),
+            ("predictor", |record| record.predictor.bytes[0] = 0xff),
+            ("ik_path", |record| record.ik_path = 99),
+            ("ghost_state", |record| record.ghost_state = 99),
+            ("arm_line.flags", |record| record.arm_line.flags = 1 << 31),
+            ("guard_mask", |record| record.guard_mask = 1 << 31),
+            ("pen_flags", |record| record.pen_flags = 1 << 31),
+        ];
+        for (field, spoil) in cases {
+            let mut record = TickRecord::default();
+            spoil(&mut record);
+            assert_eq!(record.validate().unwrap_err().field, field);
+        }
+        assert_eq!(TickRecord { health: u32::MAX, ..Default::default() }.validate(), Ok(()));
+    }
 }

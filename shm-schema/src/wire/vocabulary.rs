@@ -32,7 +32,7 @@ macro_rules! wire_enum {
             /// Every variant, in order of its number.
             pub const ALL: &'static [Self] = &[$(Self::$variant),+];
 
-            /// A label for people and JSON; stable.
+            /// For display and JSON; stable.
             pub const fn label(self) -> &'static str {
                 match self { $(Self::$variant => $label),+ }
             }
@@ -366,6 +366,15 @@ mod tests {
         }
         for (index, reason) in RejectReason::ALL.iter().enumerate() {
             assert_eq!(*reason as usize, index);
+        }
+    }
+
+    #[test]
+    fn labels_pad_like_text_and_unknown_labels_are_nobody() {
+        assert_eq!(format!("[{:>6}|{:<6}]", Mode::Idle, Mode::Idle), "[  idle|idle  ]");
+        assert_eq!(RejectReason::from_label("no such reason"), None);
+        for reason in TrustReason::ALL {
+            assert_eq!(TrustReason::from_label(reason.label()), Some(*reason));
         }
     }
 }

@@ -152,18 +152,18 @@ fn refused_messages_are_counted_by_reason_and_do_not_look_dropped() {
 }
 
 #[test]
-fn a_second_publisher_and_a_fifth_subscriber_find_no_place() {
+fn a_second_publisher_and_a_fifth_subscriber_find_no_slot() {
     let rig = Rig::with_daemon();
     let peer = rig.peer();
     let _first = peer.pen.publisher().unwrap();
     let error = peer.pen.publisher().unwrap_err();
-    assert!(matches!(error, ServiceError::NoPlace { what: "publisher", limit: 1, .. }), "{error}");
+    assert!(matches!(error, ServiceError::NoSlot { what: "publisher", limit: 1, .. }), "{error}");
     let _four: Vec<_> =
         (0..4).map(|_| rig.daemon().pen.subscriber(1, HeaderBounds::DEFAULT).unwrap()).collect();
     let error = rig.daemon().pen.subscriber(1, HeaderBounds::DEFAULT).unwrap_err();
-    assert!(matches!(error, ServiceError::NoPlace { what: "subscriber", limit: 4, .. }), "{error}");
+    assert!(matches!(error, ServiceError::NoSlot { what: "subscriber", limit: 4, .. }), "{error}");
     let own = format!("(process {})", std::process::id());
-    assert_eq!(error.to_string().matches(&own).count(), 4, "who holds them is told: {error}");
+    assert_eq!(error.to_string().matches(&own).count(), 4, "who holds them is named: {error}");
     let error = peer.joint_cmd.subscriber(257, HeaderBounds::DEFAULT).unwrap_err();
     assert!(matches!(error, ServiceError::BufferSize { asked: 257, limit: 256, .. }), "{error}");
 }

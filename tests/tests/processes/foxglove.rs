@@ -7,8 +7,9 @@ use std::net::TcpStream;
 use std::process::ChildStdout;
 use std::time::{Duration, Instant};
 
-use foretrace_client::{FaultReason, TickRecord};
-use foretrace_record::read::{Content, Entry, Reader};
+use foretrace_client::TickRecord;
+use foretrace_client::wire::FaultReason;
+use foretrace_record::read::{Content, RecordingEntry, RecordingReader};
 use foretrace_record::topics::{FRAME_TRANSFORM, LOG, TICK};
 use foretrace_tests::{Process, World, json, told, until};
 use serde_json::Value;
@@ -143,7 +144,11 @@ fn fields(mut bytes: &[u8]) -> BTreeMap<u64, Vec<u8>> {
 }
 
 /// The content of a field by its name.
-fn field(shape: &foretrace_record::proto::Shape, message: &BTreeMap<u64, Vec<u8>>, name: &str) -> Vec<u8> {
+fn field(
+    shape: &foretrace_record::proto::ProtoShape,
+    message: &BTreeMap<u64, Vec<u8>>,
+    name: &str,
+) -> Vec<u8> {
     let number = 1 + shape.fields.iter().position(|(known, _)| *known == name).unwrap() as u64;
     message[&number].clone()
 }
@@ -169,10 +174,10 @@ fn end_of_preview(message: &Message) -> Option<[f64; 2]> {
 
 /// The tick records of a recording, by number.
 fn recorded(world: &World, name: &str) -> BTreeMap<u64, TickRecord> {
-    let mut reader = Reader::open(&world.file(name)).unwrap();
+    let mut reader = RecordingReader::open(&world.file(name)).unwrap();
     let mut records = BTreeMap::new();
     while let Some(entry) = reader.next_entry().unwrap() {
-        let Entry::Message(message) = entry else { continue };
+        let RecordingEntry::Message(message) = entry else { continue };
         if let Content::Tick(record) = reader.content(&message).unwrap() {
             records.insert(record.tick, *record);
         }

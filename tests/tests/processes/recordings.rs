@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use foretrace_client::Foretrace;
 use foretrace_record::info::{Info, info};
-use foretrace_record::read::{Content, Entry, Reader};
+use foretrace_record::read::{Content, RecordingEntry, RecordingReader};
 use foretrace_shm::{Mode, input_flags, monotonic_now_ns};
 use foretrace_tests::{World, assert_refused, json, told, until};
 use serde_json::Value;
@@ -60,9 +60,9 @@ fn a_run_is_recorded_and_every_command_of_it_comes_again_bit_for_bit() {
     assert_eq!(info["topics"]["/tick"], report["ticks"], "{info}");
     assert!(info["topics"]["/log"].as_u64() >= Some(2), "it followed and was stopped: {info}");
     assert_eq!(info["end"]["queue_lost"], "0", "{info}");
-    let (mut previewed, mut reader) = (0, Reader::open(&world.file("run.mcap")).unwrap());
+    let (mut previewed, mut reader) = (0, RecordingReader::open(&world.file("run.mcap")).unwrap());
     while let Some(entry) = reader.next_entry().unwrap() {
-        let Entry::Message(message) = entry else { continue };
+        let RecordingEntry::Message(message) = entry else { continue };
         let Content::Tick(record) = reader.content(&message).unwrap() else { continue };
         let path: Vec<[f32; 2]> = record.path().collect();
         let off = |[x, y]: [f32; 2], of: [f64; 3]| (f64::from(x) - of[0]).hypot(f64::from(y) - of[1]);
@@ -176,7 +176,7 @@ fn a_recording_that_ends_while_weights_are_on_their_way_is_run_again_to_its_last
         let mut offered = false;
         while !offered {
             inputs.drain(|input| offered |= input.flags & input_flags::WEIGHTS != 0);
-            inputs.things(drop);
+            inputs.snapshots(drop);
             assert!(begin.elapsed() < Duration::from_secs(60), "the hand writes, and nothing is learned");
             std::thread::sleep(Duration::from_micros(200));
         }
@@ -270,9 +270,9 @@ fn what_a_killed_recorder_loses_is_half_a_second_of_ticks_at_most() {
     second_recorder.end();
     daemon.end();
     let (mut witness, mut seconds) = (BTreeMap::new(), 0.0);
-    let mut reader = Reader::open(&world.file("witness.mcap")).unwrap();
+    let mut reader = RecordingReader::open(&world.file("witness.mcap")).unwrap();
     while let Some(entry) = reader.next_entry().unwrap() {
-        if let Entry::Message(message) = entry
+        if let RecordingEntry::Message(message) = entry
             && let Content::Input(input) = reader.content(&message).unwrap()
         {
             let first = witness.first_key_value().map_or(input.now_ns, |(_, now_ns)| *now_ns);

@@ -18,8 +18,8 @@ use foretrace_control::units::Stamp;
 /// The predictors of docs/extend/predictor.md, which are compiled and run by the law's tests, and where they
 /// are listed.
 const EXAMPLES: [&str; 3] = [
-    include_str!("../../../daemon/control/src/predict/models/damped_velocity.rs"),
-    include_str!("../../../daemon/control/src/predict/models/learned_damping.rs"),
+    include_str!("../../../daemon/control/examples/predictors/damped_velocity.rs"),
+    include_str!("../../../daemon/control/examples/predictors/learned_damping.rs"),
     include_str!("../../../daemon/control/src/predict/models/mod.rs"),
 ];
 

@@ -2,7 +2,7 @@
 //!
 //! Blocks go through `bash -n`. Lines of cargo, in blocks and in the text, name packages, tests, examples and
 //! programs of this workspace, and filters that its sources have; scripts exist. Lines of foretrace go
-//! through its own parser (`client/cli/src/documented.rs`); nothing is run.
+//! through its own parser (`client/cli/src/documented_tests.rs`); nothing is run.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};

@@ -14,7 +14,7 @@ const SCALES: std::ops::RangeInclusive<f64> = 0.01..=100.0;
 
 /// One mark, touched by both.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Touch {
+pub struct PlaneTouch {
     /// The pen there, in its device's plane \[m\].
     pub pen: Vector2<f64>,
     /// The tool's tip there, in the base frame \[m\].
@@ -23,9 +23,8 @@ pub struct Touch {
     pub axis: Vector3<f64>,
 }
 
-/// The plane.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Fit {
+pub struct PlaneFit {
     /// Where the pen's point `pen_origin` is, in the base frame \[m\].
     pub origin: Vector3<f64>,
     pub x_axis: Vector3<f64>,
@@ -83,9 +82,9 @@ impl std::fmt::Display for NoFit {
     }
 }
 
-impl Fit {
+impl PlaneFit {
     /// Of at least three touches; `pen_origin` is the pen's point that becomes the plane's origin.
-    pub fn of(touches: &[Touch], pen_origin: Vector2<f64>) -> Result<Self, NoFit> {
+    pub fn of(touches: &[PlaneTouch], pen_origin: Vector2<f64>) -> Result<Self, NoFit> {
         if touches.len() < 3 {
             return Err(NoFit::TooFew(touches.len()));
         }
@@ -137,14 +136,14 @@ impl Fit {
     }
 
     /// How far the tip was from where the pen's touch belongs: along the paper and above it \[m\].
-    pub fn residual(&self, touch: &Touch) -> [f64; 2] {
+    pub fn residual(&self, touch: &PlaneTouch) -> [f64; 2] {
         let off = touch.tip - self.place(&touch.pen);
         let above = off.dot(&self.normal);
         [(off - self.normal * above).norm(), above]
     }
 
     /// Angle between the tool and the line into the paper \[rad\].
-    pub fn tilt(&self, touch: &Touch) -> f64 {
+    pub fn tilt(&self, touch: &PlaneTouch) -> f64 {
         (-touch.axis.dot(&self.normal)).clamp(-1.0, 1.0).acos()
     }
 }
@@ -161,9 +160,9 @@ mod tests {
     }
 
     /// Touches of a plane whose pen point (0.01, 0.02) is at (0.5, 0.1, 0.07).
-    fn touches(pens: &[[f64; 2]], off: impl Fn(usize) -> Vector3<f64>) -> Vec<Touch> {
+    fn touches(pens: &[[f64; 2]], off: impl Fn(usize) -> Vector3<f64>) -> Vec<PlaneTouch> {
         let (origin, rotation) = (Vector3::new(0.5, 0.1, 0.07), rotation());
-        let touch = |(index, [x, y]): (usize, &[f64; 2])| Touch {
+        let touch = |(index, [x, y]): (usize, &[f64; 2])| PlaneTouch {
             pen: Vector2::new(*x, *y),
             tip: origin + rotation * Vector3::new(SCALE * (x - 0.01), SCALE * (y - 0.02), 0.0) + off(index),
             axis: -(rotation * Vector3::z()),
@@ -173,8 +172,8 @@ mod tests {
 
     const MARKS: [[f64; 2]; 4] = [[-0.08, -0.05], [0.09, -0.06], [0.01, 0.08], [0.07, 0.05]];
 
-    fn fit(touches: &[Touch]) -> Result<Fit, NoFit> {
-        Fit::of(touches, Vector2::new(0.01, 0.02))
+    fn fit(touches: &[PlaneTouch]) -> Result<PlaneFit, NoFit> {
+        PlaneFit::of(touches, Vector2::new(0.01, 0.02))
     }
 
     #[test]
@@ -209,14 +208,14 @@ mod tests {
         let touches = touches(&MARKS, off);
         let best = fit(&touches).unwrap();
         let cost =
-            |fit: &Fit| touches.iter().map(|t| (t.tip - fit.place(&t.pen)).norm_squared()).sum::<f64>();
+            |fit: &PlaneFit| touches.iter().map(|t| (t.tip - fit.place(&t.pen)).norm_squared()).sum::<f64>();
         let least = cost(&best);
         for axis in [Vector3::x(), Vector3::y(), Vector3::z()] {
             for step in [-1e-3, 1e-3] {
                 let turn = Rotation3::from_scaled_axis(axis * step);
-                let turned = Fit { x_axis: turn * best.x_axis, y_axis: turn * best.y_axis, ..best };
-                let moved = Fit { origin: best.origin + axis * step, ..best };
-                let scaled = Fit { scale: best.scale * (1.0 + step), ..best };
+                let turned = PlaneFit { x_axis: turn * best.x_axis, y_axis: turn * best.y_axis, ..best };
+                let moved = PlaneFit { origin: best.origin + axis * step, ..best };
+                let scaled = PlaneFit { scale: best.scale * (1.0 + step), ..best };
                 for other in [turned, moved, scaled] {
                     assert!(cost(&other) > least, "{other:?}");
                 }
@@ -232,14 +231,14 @@ mod tests {
         let small = MARKS.map(|[x, y]| [0.1 * x, 0.1 * y]);
         assert!(matches!(fit(&touches(&small, none)), Err(NoFit::Narrow(_))));
         assert_eq!(fit(&touches(&MARKS[..2], none)), Err(NoFit::TooFew(2)));
-        let mirrored: Vec<Touch> = touches(&MARKS, none)
+        let mirrored: Vec<PlaneTouch> = touches(&MARKS, none)
             .into_iter()
-            .map(|touch| Touch { pen: Vector2::new(-touch.pen.x, touch.pen.y), ..touch })
+            .map(|touch| PlaneTouch { pen: Vector2::new(-touch.pen.x, touch.pen.y), ..touch })
             .collect();
         assert_eq!(fit(&mirrored), Err(NoFit::Mirrored));
-        let same: Vec<Touch> = touches(&MARKS, none)
+        let same: Vec<PlaneTouch> = touches(&MARKS, none)
             .into_iter()
-            .map(|touch| Touch { tip: Vector3::new(0.5, 0.1, 0.07), ..touch })
+            .map(|touch| PlaneTouch { tip: Vector3::new(0.5, 0.1, 0.07), ..touch })
             .collect();
         assert!(matches!(fit(&same), Err(NoFit::TipsNarrow(_))));
     }

@@ -1,9 +1,11 @@
 //! The writing plane from touches of pen and tool on the same marks.
 //!
-//! In the order of their use: `still` (when nothing moves), `touches` (marks as a file), `fit`, `reach` (what
+//! In the order of their use: `still` (when nothing moves), `touches` (marks as a file), `listen` (marks as
+//! they are touched), `fit`, `reach` (what
 //! of the plane the arm reaches), `written` (into a settings file).
 
 mod fit;
+mod listen;
 mod reach;
 mod still;
 mod touches;
@@ -13,11 +15,12 @@ use foretrace_config::Config;
 use nalgebra::{Vector2, Vector3};
 use serde::Serialize;
 
-use crate::CalibrateError;
-pub use fit::{Fit, NoFit, Touch};
+pub use fit::{NoFit, PlaneFit, PlaneTouch};
+use foretrace_failure::Failure;
+pub use listen::TouchListener;
 pub use reach::missing;
 pub use still::Still;
-pub use touches::{Mark, read, text};
+pub use touches::{TouchMark, read, text};
 pub use written::{lines, write};
 
 /// The result; keys are stable.
@@ -47,7 +50,7 @@ pub struct TouchReport {
 }
 
 impl TouchReport {
-    fn of(fit: &Fit, touch: &Touch) -> Self {
+    fn of(fit: &PlaneFit, touch: &PlaneTouch) -> Self {
         let [along, above] = fit.residual(touch);
         Self { along_mm: along * 1e3, above_mm: above * 1e3, tilt_rad: fit.tilt(touch) }
     }
@@ -63,18 +66,18 @@ impl TouchReport {
 /// # Errors
 ///
 /// Too few marks, or marks that give no plane.
-pub fn fit(config: &Config, marks: &[Mark]) -> Result<(Fit, PlaneReport), CalibrateError> {
-    let touch = |mark: &Mark| {
+pub fn fit(config: &Config, marks: &[TouchMark]) -> Result<(PlaneFit, PlaneReport), Failure> {
+    let touch = |mark: &TouchMark| {
         let pose = config.robot().chain.forward(&mark.q);
-        Touch { pen: mark.pen, tip: pose.position, axis: pose.rotation * Vector3::z() }
+        PlaneTouch { pen: mark.pen, tip: pose.position, axis: pose.rotation * Vector3::z() }
     };
-    let touches: Vec<Touch> = marks.iter().map(touch).collect();
+    let touches: Vec<PlaneTouch> = marks.iter().map(touch).collect();
     let Some((proof, fitted)) = touches.split_last() else {
-        return Err(CalibrateError::new("there is no mark", "give three or more, and one as proof"));
+        return Err(Failure::bad_input("there is no mark", "give three or more, and one as proof"));
     };
     let pen_origin = Vector2::from(config.settings().plane.pen_origin_m);
     let fit =
-        Fit::of(fitted, pen_origin).map_err(|error| CalibrateError::new(error, "nothing was written"))?;
+        PlaneFit::of(fitted, pen_origin).map_err(|error| Failure::bad_input(error, "nothing was written"))?;
     let report = PlaneReport {
         origin_m: fit.origin.into(),
         x_axis: fit.x_axis.into(),
@@ -93,10 +96,10 @@ impl PlaneReport {
     /// # Errors
     ///
     /// The worst touch, else the proof.
-    pub fn check(&self, within_mm: f64) -> Result<(), CalibrateError> {
+    pub fn check(&self, within_mm: f64) -> Result<(), Failure> {
         let worst = self.touches.iter().zip(1..).max_by(|(a, _), (b, _)| a.off_mm().total_cmp(&b.off_mm()));
         if let Some((touch, number)) = worst.filter(|(touch, _)| !(touch.off_mm() <= within_mm)) {
-            return Err(CalibrateError::new(
+            return Err(Failure::bad_input(
                 format_args!(
                     "touch {number} is {:.2} mm off the plane, allowed are {within_mm} mm",
                     touch.off_mm()
@@ -106,7 +109,7 @@ impl PlaneReport {
             ));
         }
         if !(self.proof.off_mm() <= within_mm) {
-            return Err(CalibrateError::new(
+            return Err(Failure::bad_input(
                 format_args!(
                     "the proof is {:.2} mm off the plane of the other touches, allowed are {within_mm} mm",
                     self.proof.off_mm(),

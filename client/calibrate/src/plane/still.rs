@@ -1,6 +1,6 @@
 //! When a pen or an arm has rested long enough to be measured.
 //!
-//! Contract: pure, time is an argument. What moves begins anew.
+//! Contract: pure, time is an argument. What moves begins again.
 
 use std::collections::VecDeque;
 
@@ -24,7 +24,6 @@ impl<const N: usize> Still<N> {
         Self { tolerance, rest_ns, samples: VecDeque::new() }
     }
 
-    /// Begins anew.
     pub fn moved(&mut self) {
         self.samples.clear();
     }
@@ -63,18 +62,18 @@ mod tests {
     #[test]
     fn a_rest_is_told_by_its_median_and_a_move_begins_anew() {
         let mut still = Still::new(1e-3, 500 * MS);
-        let mut told = Vec::new();
+        let mut reported = Vec::new();
         for index in 0..300_u64 {
             // Rests, moves on at 1 s by 5 mm, rests again; with a shake of 0.2 mm.
             let x = if index < 200 { 0.1 } else { 0.105 } + 1e-4 * f64::from(u32::from(index % 2 == 0));
             if let Some([x]) = still.take(index * 5 * MS, [x]) {
-                told.push((index, x));
+                reported.push((index, x));
             }
         }
-        assert_eq!(told.first().map(|(index, _)| *index), Some(100));
-        assert!((told[0].1 - 0.1).abs() < 2e-4);
-        // Between the move and half a second later nothing is told.
-        assert!(!told.iter().any(|(index, _)| (200..300).contains(index)));
+        assert_eq!(reported.first().map(|(index, _)| *index), Some(100));
+        assert!((reported[0].1 - 0.1).abs() < 2e-4);
+        // Between the move and half a second later nothing is reported.
+        assert!(!reported.iter().any(|(index, _)| (200..300).contains(index)));
     }
 
     #[test]

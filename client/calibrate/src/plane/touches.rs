@@ -6,7 +6,7 @@ use std::path::Path;
 
 use nalgebra::Vector2;
 
-use crate::CalibrateError;
+use foretrace_failure::Failure;
 
 const HEADER: &str = "pen_x_m,pen_y_m,q1_rad,q2_rad,q3_rad,q4_rad,q5_rad,q6_rad";
 /// Largest file that is read \[bytes\], and most marks.
@@ -17,7 +17,7 @@ const LIMIT: f64 = 10.0;
 
 /// A mark as it was measured.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Mark {
+pub struct TouchMark {
     /// The pen \[m\].
     pub pen: Vector2<f64>,
     /// The measured joints with the tip on the mark \[rad\].
@@ -25,9 +25,9 @@ pub struct Mark {
 }
 
 /// Reads a file of marks.
-pub fn read(path: &Path) -> Result<Vec<Mark>, CalibrateError> {
+pub fn read(path: &Path) -> Result<Vec<TouchMark>, Failure> {
     let wrong = |what: String| {
-        CalibrateError::new(
+        Failure::bad_input(
             format_args!("{}: {what}", path.display()),
             format_args!("write the header {HEADER} and one mark per line"),
         )
@@ -37,7 +37,7 @@ pub fn read(path: &Path) -> Result<Vec<Mark>, CalibrateError> {
     parse(&text).map_err(wrong)
 }
 
-fn parse(text: &str) -> Result<Vec<Mark>, String> {
+fn parse(text: &str) -> Result<Vec<TouchMark>, String> {
     let mut lines =
         text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty() && !line.starts_with('#'));
     match lines.next() {
@@ -61,15 +61,15 @@ fn parse(text: &str) -> Result<Vec<Mark>, String> {
         if marks.len() == MOST {
             return Err(at(format!("more than {MOST} marks")));
         }
-        marks.push(Mark { pen: Vector2::new(x, y), q: [a, b, c, d, e, f] });
+        marks.push(TouchMark { pen: Vector2::new(x, y), q: [a, b, c, d, e, f] });
     }
     Ok(marks)
 }
 
 /// The same marks as text.
-pub fn text(marks: &[Mark]) -> String {
+pub fn text(marks: &[TouchMark]) -> String {
     let mut text = format!("{HEADER}\n");
-    for Mark { pen, q } in marks {
+    for TouchMark { pen, q } in marks {
         let joints: Vec<String> = q.iter().map(|q| format!("{q:.9}")).collect();
         // Writing to a String cannot fail.
         let _ = writeln!(text, "{:.7},{:.7},{}", pen.x, pen.y, joints.join(","));
@@ -84,8 +84,8 @@ mod tests {
     #[test]
     fn marks_survive_the_way_through_the_file() {
         let marks = [
-            Mark { pen: Vector2::new(0.01, -0.02), q: [0.1, -0.2, 0.3, -0.4, 0.5, -6.0] },
-            Mark { pen: Vector2::new(-0.05, 0.07), q: [1.0; 6] },
+            TouchMark { pen: Vector2::new(0.01, -0.02), q: [0.1, -0.2, 0.3, -0.4, 0.5, -6.0] },
+            TouchMark { pen: Vector2::new(-0.05, 0.07), q: [1.0; 6] },
         ];
         assert_eq!(parse(&text(&marks)), Ok(marks.to_vec()));
     }

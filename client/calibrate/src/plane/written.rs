@@ -5,14 +5,14 @@ use std::path::Path;
 use foretrace_config::files::{LONGEST_SETTINGS, read_text};
 use foretrace_config::{Config, Settings};
 
-use crate::CalibrateError;
-use crate::plane::Fit;
+use crate::plane::PlaneFit;
+use foretrace_failure::Failure;
 
 /// Two numbers of the settings that count as the same.
 const SAME: f64 = 1e-9;
 
 /// The keys and values, as they stand in a file.
-pub fn lines(fit: &Fit) -> Vec<(&'static str, String)> {
+pub fn lines(fit: &PlaneFit) -> Vec<(&'static str, String)> {
     let list = |values: &[f64]| {
         let words: Vec<String> = values.iter().map(|value| format!("{value:.9}")).collect();
         format!("[{}]", words.join(", "))
@@ -27,9 +27,9 @@ pub fn lines(fit: &Fit) -> Vec<(&'static str, String)> {
 }
 
 /// Puts them into `path`; the file is judged as a whole before it is replaced.
-pub fn write(path: &Path, fit: &Fit) -> Result<(), CalibrateError> {
+pub fn write(path: &Path, fit: &PlaneFit) -> Result<(), Failure> {
     let refused = |what: String| {
-        CalibrateError::new(
+        Failure::bad_input(
             format_args!("{}: {what}", path.display()),
             "nothing was written; put the lines above into [plane] by hand",
         )
@@ -46,7 +46,7 @@ pub fn write(path: &Path, fit: &Fit) -> Result<(), CalibrateError> {
         .map_err(|error| refused(error.to_string()))
 }
 
-fn says(settings: &Settings, fit: &Fit) -> bool {
+fn says(settings: &Settings, fit: &PlaneFit) -> bool {
     let plane = &settings.plane;
     let same = |a: &[f64], b: &[f64]| a.iter().zip(b).all(|(a, b)| (a - b).abs() <= SAME);
     same(&plane.origin_m, fit.origin.as_slice())
@@ -111,8 +111,8 @@ mod tests {
     use super::*;
     use nalgebra::{Vector2, Vector3};
 
-    fn fit() -> Fit {
-        Fit {
+    fn fit() -> PlaneFit {
+        PlaneFit {
             origin: Vector3::new(0.55, 0.11, 0.07),
             x_axis: Vector3::new(0.0, -1.0, 0.0),
             y_axis: Vector3::new(1.0, 0.0, 0.0),
@@ -143,7 +143,7 @@ mod tests {
         let (old, preset) = (|| std::fs::read_to_string(&path).unwrap(), Config::preset("ur5").unwrap());
         let own = &preset.settings().plane;
         let rotation = own.rotation();
-        let near = Fit {
+        let near = PlaneFit {
             origin: Vector3::from(own.origin_m) + Vector3::new(0.003, 0.002, 0.001),
             x_axis: rotation * Vector3::x(),
             y_axis: rotation * Vector3::y(),
@@ -163,7 +163,7 @@ mod tests {
         // A plane far away is refused by the settings themselves.
         std::fs::write(&path, "preset = \"ur5\"\n").unwrap();
         let told =
-            write(&path, &Fit { origin: Vector3::new(2.5, 0.0, 0.0), ..near }).unwrap_err().to_string();
+            write(&path, &PlaneFit { origin: Vector3::new(2.5, 0.0, 0.0), ..near }).unwrap_err().to_string();
         assert!(told.contains("out of reach") && old() == "preset = \"ur5\"\n", "{told}");
     }
 }

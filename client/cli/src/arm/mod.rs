@@ -1,16 +1,8 @@
 //! `foretrace arm`: arms to plug into the loop.
 
 pub(crate) mod options;
-pub(crate) mod intake;
-mod refused;
-mod report;
-mod record;
-mod judge;
-mod ports;
-mod agreement;
-mod guide;
 mod sim;
-pub(crate) mod ur;
+mod ur;
 
 use crate::failure::Failure;
 

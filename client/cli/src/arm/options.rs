@@ -2,6 +2,8 @@
 
 use foretrace_sim::arm::{ArmSettings, DelayChange, DelaySettings, Fault, JOINTS, Mechanics};
 
+use crate::values::number;
+
 /// Properties of the simulated arm, for `foretrace arm sim`.
 #[derive(Debug, Clone, PartialEq, clap::Args)]
 pub(crate) struct LagArgs {
@@ -86,7 +88,6 @@ impl JointArgs {
         self.damping.unwrap_or(1.0)
     }
 
-    /// The rest.
     pub(crate) fn mechanics(&self) -> Mechanics {
         let radians =
             |given: &Option<PerJoint>| PerJoint::or(given.as_ref(), [0.0; JOINTS]).map(|mrad| mrad * 1e-3);
@@ -110,17 +111,15 @@ impl PerJoint {
     fn read(text: &str, [low, high]: [f64; 2]) -> Result<Self, String> {
         let wrong =
             || format!("a number from {low} to {high}, or JOINT:NUMBER,... with joints 0 to {}", JOINTS - 1);
-        let number = |text: &str| {
-            text.parse::<f64>().ok().filter(|value| (low..=high).contains(value)).ok_or_else(wrong)
-        };
+        let within = |text: &str| number(low..=high, "")(text).map_err(|_| wrong());
         if !text.contains(':') {
-            return Ok(Self([Some(number(text)?); JOINTS]));
+            return Ok(Self([Some(within(text)?); JOINTS]));
         }
         let mut all = [None; JOINTS];
         for part in text.split(',') {
             let (joint, value) = part.split_once(':').ok_or_else(wrong)?;
-            let place = joint.parse::<usize>().ok().and_then(|joint| all.get_mut(joint)).ok_or_else(wrong)?;
-            if place.replace(number(value)?).is_some() {
+            let slot = joint.parse::<usize>().ok().and_then(|joint| all.get_mut(joint)).ok_or_else(wrong)?;
+            if slot.replace(within(value)?).is_some() {
                 return Err(format!("joint {joint} twice"));
             }
         }
@@ -233,39 +232,38 @@ impl StartedArmArgs {
     /// As options of `foretrace arm sim`.
     pub(crate) fn arguments(&self) -> Vec<String> {
         let change = self.arm_lag_change.map(|(s, ms)| format!("{s}:{ms}"));
-        let number = |value: Option<f64>| value.map(|value| value.to_string());
+        let one = |value: Option<f64>| value.map(|value| value.to_string());
         let joints = |value: &Option<PerJoint>| value.as_ref().map(PerJoint::to_string);
         let all = [
-            ("--lag-ms", number(self.arm_lag_ms)),
-            ("--look-ahead-ms", number(self.arm_look_ahead_ms)),
-            ("--jitter-ms", number(self.arm_jitter_ms)),
+            ("--lag-ms", one(self.arm_lag_ms)),
+            ("--look-ahead-ms", one(self.arm_look_ahead_ms)),
+            ("--jitter-ms", one(self.arm_jitter_ms)),
             ("--lag-change", change),
-            ("--speed-scaling", number(self.arm_speed_scaling)),
+            ("--speed-scaling", one(self.arm_speed_scaling)),
             ("--fault", self.arm_fault.clone()),
             ("--joint-speed-radps", joints(&self.arm_joint_speed_radps)),
-            ("--damping", number(self.arm_damping)),
+            ("--damping", one(self.arm_damping)),
             ("--stiction-mrad", joints(&self.arm_stiction_mrad)),
             ("--coulomb-mrad", joints(&self.arm_coulomb_mrad)),
             ("--backlash-mrad", joints(&self.arm_backlash_mrad)),
             ("--gain", joints(&self.arm_gain)),
             ("--encoder-step-mrad", joints(&self.arm_encoder_step_mrad)),
-            ("--sag-mrad", number(self.arm_sag_mrad)),
+            ("--sag-mrad", one(self.arm_sag_mrad)),
         ];
         all.into_iter().filter_map(|(name, value)| value.map(|value| format!("{name}={value}"))).collect()
     }
 }
 
 fn delay(text: &str) -> Result<f64, String> {
-    within(text, 500.0).ok_or_else(|| "a number of milliseconds from 0 to 500".to_owned())
+    number(0.0..=500.0, "a number of milliseconds from 0 to 500")(text)
 }
 
 fn look_ahead(text: &str) -> Result<f64, String> {
-    within(text, 200.0)
-        .ok_or_else(|| "a number of milliseconds from 0 to 200; servoj takes 30 to 200".to_owned())
+    number(0.0..=200.0, "a number of milliseconds from 0 to 200; servoj takes 30 to 200")(text)
 }
 
 fn jitter(text: &str) -> Result<f64, String> {
-    within(text, 100.0).ok_or_else(|| "a number of milliseconds from 0 to 100".to_owned())
+    number(0.0..=100.0, "a number of milliseconds from 0 to 100")(text)
 }
 
 fn speed(text: &str) -> Result<PerJoint, String> {
@@ -281,16 +279,15 @@ fn gain(text: &str) -> Result<PerJoint, String> {
 }
 
 fn damping(text: &str) -> Result<f64, String> {
-    within(text, 10.0).filter(|zeta| *zeta >= 0.1).ok_or_else(|| "a number from 0.1 to 10".to_owned())
+    number(0.1..=10.0, "a number from 0.1 to 10")(text)
 }
 
 fn sag(text: &str) -> Result<f64, String> {
-    let number = text.parse::<f64>().ok().filter(|mrad| mrad.abs() <= 500.0);
-    number.ok_or_else(|| "a number of milliradians from -500 to 500".to_owned())
+    number(-500.0..=500.0, "a number of milliradians from -500 to 500")(text)
 }
 
 fn scaling(text: &str) -> Result<f64, String> {
-    within(text, 1.0).ok_or_else(|| "a number from 0 to 1".to_owned())
+    number(0.0..=1.0, "a number from 0 to 1")(text)
 }
 
 /// Checked here as well, so that a demo does not start with options that its arm would refuse.
@@ -299,13 +296,9 @@ fn fault(text: &str) -> Result<String, String> {
 }
 
 fn change(text: &str) -> Result<(f64, f64), String> {
+    let within = |text: &str, most: f64| number(0.0..=most, "")(text).ok();
     let parts = text.split_once(':').and_then(|(s, ms)| within(s, 1e6).zip(within(ms, 500.0)));
     parts.ok_or_else(|| "S:MS, seconds from 0 and milliseconds from 0 to 500, for example 10:80".to_owned())
-}
-
-/// A number from 0 to `most`.
-fn within(text: &str, most: f64) -> Option<f64> {
-    text.parse().ok().filter(|value| (0.0..=most).contains(value))
 }
 
 #[cfg(test)]
@@ -373,7 +366,7 @@ mod tests {
             (0.52, 0.3, 3.342)
         );
         let milli = |numbers: [f64; JOINTS]| numbers.map(|number| number * 1e-3);
-        let told = Mechanics {
+        let given = Mechanics {
             stiction_rad: milli([0.0, 2.5, 0.0, 0.0, 3.0, 0.0]),
             coulomb_rad: milli([1.0; JOINTS]),
             backlash_rad: milli([0.5; JOINTS]),
@@ -381,7 +374,7 @@ mod tests {
             encoder_step_rad: milli([0.1; JOINTS]),
             sag_rad: -4.0 * 1e-3,
         };
-        assert_eq!(settings.mechanics, told);
+        assert_eq!(settings.mechanics, given);
         assert!(Starter::try_parse_from(["demo"]).unwrap().arm.arguments().is_empty());
     }
 

@@ -1,36 +1,20 @@
 //! `foretrace arm sim`: a simulated UR5 controller as a process of its own.
-//!
-//! Contract: cycles at its own rate by absolute sleeps; cycles that the machine missed are made up for, each
-//! with the command that was due then, because a real controller would not have missed them. Outlives the
-//! daemon: without commands it brakes and stays, and follows again when a daemon comes back.
 
 use std::path::PathBuf;
 use std::time::Duration;
 
-use foretrace_client::{
-    ArmLine, JointState, Mode, RobotMode, SafetyMode, arm_flags, host_boot_id, monotonic_now_ns,
-};
+use foretrace_arm::guide::{self, Guide};
+use foretrace_arm::sim::{SimOptions, Simulation};
 use foretrace_control::arm::JointLimits;
-use foretrace_control::extent::ExtentWatch;
-use foretrace_control::units::Stamp;
-use foretrace_sim::arm::{ArmModel, JOINTS};
+use foretrace_sim::arm::JOINTS;
 
-use super::guide::Guide;
-use super::intake::Intake;
 use super::options::LagArgs;
-use super::ports::{Daemons, Reads};
-use super::record::Record;
-use super::refused::{Refused, Teller};
-use super::report::{ArmReport, CommandReport, DelaySeen, SimReport, summary};
 use crate::attach::{attach_within, instance_of};
-use crate::extent::ExtentFigures;
-use crate::failure::{Cause, Failure};
+use crate::failure::Failure;
 use crate::interrupt::Interrupt;
-use crate::os;
-use crate::output::{JsonArgs, note};
-use crate::punctual::{self, CpuWait};
+use crate::output::{JsonArgs, note, say_lines, tell};
 use crate::settings::SettingsArgs;
-use crate::stopped::starved;
+use crate::terminal::TypedKeys;
 
 /// Simulate a UR5 behind its controller: receive joint commands, move like the arm, report joint states
 ///
@@ -97,55 +81,42 @@ pub(crate) fn run(args: &SimArgs) -> Result<(), Failure> {
     let config = args.settings.load()?;
     let (robot, settings) = (config.robot(), config.settings());
     let rate_hz = args.rate.unwrap_or(settings.robot.controller_rate_hz);
-    let cycle_s = 1.0 / f64::from(rate_hz);
     let from = args.from.as_deref().map_or(Ok(robot.home), |from| standing(from, &robot.limits))?;
-    let intake = Intake::new(host_boot_id(), robot.limits, cycle_s, from)
-        .ok_or_else(|| Failure::bad_input("robot.home_rad is not finite", "correct the settings"))?;
-    let arm = args.lag.settings(cycle_s);
-    let model = ArmModel::at_rest(arm, from);
-    let record = args.record.as_deref().map(Record::create).transpose()?;
-    let guide = args.guide.then(|| Guide::open(&robot.chain, &robot.limits)).transpose()?;
+    let arm = args.lag.settings(1.0 / f64::from(rate_hz));
+    let late_ms = arm.group_delay_s() * 1e3;
+    let guide = || -> Result<Guide, Failure> {
+        let mut keys = TypedKeys::listen().ok_or_else(|| {
+            Failure::usage("stdin is no terminal, which has the keys for --guide", "start it in a terminal")
+        })?;
+        note!("arm: {}", guide::HELP);
+        Ok(Guide::new(&robot.chain, &robot.limits, Box::new(move || keys.typed())))
+    };
+    let options = SimOptions {
+        rate_hz,
+        arm,
+        from,
+        record: args.record.clone(),
+        guide: args.guide.then(guide).transpose()?,
+        no_rights: args.no_rights,
+        seconds: args.seconds,
+        spin_after: args.spin_after,
+    };
+    let sim = Simulation::new(&config, options)?;
     let instance = instance_of(settings)?;
     let foretrace = attach_within(&instance, Duration::from_secs_f64(args.wait))?;
-    let daemon = Daemons::attached(foretrace, Reads::CommandsOnly)?;
     note!(
-        "arm: {rate_hz} Hz, look-ahead {} ms, in all {:.1} ms late, instance {}",
+        "arm: {rate_hz} Hz, look-ahead {} ms, in all {late_ms:.1} ms late, instance {}",
         args.lag.look_ahead_ms,
-        arm.group_delay_s() * 1e3,
         instance.number()
     );
-
-    let mut sim = Simulation {
-        cycle_ns: 1_000_000_000 / u64::from(rate_hz),
-        model,
-        intake,
-        guide,
-        daemon,
-        record,
-        delay: DelaySeen::default(),
-        extent: ExtentWatch::new(&config.follower_settings()),
-        teller: Teller::default(),
-        cycles: 0,
-        late_cycles: 0,
-        cpu: CpuWait::of_this_thread(),
-        starved_ns: 0,
-        gone_ns: (settings.safety.joint_state_timeout_ms * 1e6) as u64,
-    };
-    // Last, so that nothing that reads files has it; below the daemon's loop, whose commands it takes.
-    let missing = punctual::ask("arm", punctual::below_the_loop(settings), args.no_rights);
-    sim.run(args.seconds, args.spin_after, &interrupt);
-    if let Some(record) = sim.record.take() {
-        record.finish()?;
-    }
-    let report = sim.report(f64::from(rate_hz), missing);
-    summary(&report);
+    let report = sim.run(foretrace, &|| interrupt.is_set(), &tell)?;
+    say_lines(report.lines());
     args.json.write(&report)
 }
 
 /// Parses the joint positions of `--from` [rad].
 fn standing(from: &[f64], limits: &JointLimits<JOINTS>) -> Result<[f64; JOINTS], Failure> {
-    let wrong =
-        |why: String| Failure::new(Cause::Usage, why, "give --from=Q1,...,Q6, base first, in radians");
+    let wrong = |why: String| Failure::usage(why, "give --from=Q1,...,Q6, base first, in radians");
     let q: [f64; JOINTS] = from
         .try_into()
         .map_err(|_| wrong(format!("--from has {} numbers, the arm {JOINTS} joints", from.len())))?;
@@ -156,154 +127,3 @@ fn standing(from: &[f64], limits: &JointLimits<JOINTS>) -> Result<[f64; JOINTS],
     }
     Ok(q)
 }
-
-struct Simulation {
-    cycle_ns: u64,
-    model: ArmModel,
-    intake: Intake,
-    guide: Option<Guide>,
-    daemon: Daemons,
-    record: Option<Record>,
-    delay: DelaySeen,
-    /// Where the tool has been since the first command was taken.
-    extent: ExtentWatch<JOINTS>,
-    teller: Teller,
-    cycles: u64,
-    late_cycles: u64,
-    cpu: CpuWait,
-    /// Longest that a cycle came late because others had the CPU, and that after which the daemon takes the
-    /// arm for gone \[ns\].
-    starved_ns: u64,
-    gone_ns: u64,
-}
-
-impl Simulation {
-    fn run(&mut self, seconds: Option<f64>, spin_after: Option<f64>, interrupt: &Interrupt) {
-        let begin = monotonic_now_ns();
-        let after = |s: f64| begin.saturating_add((s.max(0.0) * 1e9) as u64);
-        let end = seconds.map_or(u64::MAX, after);
-        let (mut due, mut spins) = (begin + self.cycle_ns, None);
-        while due < end && !interrupt.is_set() {
-            os::sleep_until(due);
-            let now = monotonic_now_ns();
-            self.late(now.saturating_sub(due));
-            self.receive(Stamp(due));
-            self.guided(due);
-            // From the first command on.
-            if let (None, Some(s), Some(_)) = (spins, spin_after, self.intake.newest()) {
-                spins = Some(now + (s * 1e9) as u64);
-            }
-            if spins.is_some_and(|spins| now >= spins) {
-                note!("arm: computes without a pause from now on");
-                while !interrupt.is_set() {
-                    std::hint::spin_loop();
-                }
-            }
-            let mut made = 0;
-            while due <= now {
-                self.cycle(due);
-                due += self.cycle_ns;
-                made += 1;
-            }
-            self.late_cycles += u64::saturating_sub(made, 1);
-            self.daemon.look();
-        }
-    }
-
-    /// A cycle is late by `ns`: tells what the daemon takes for an arm that is gone, if others had the CPU.
-    fn late(&mut self, ns: u64) {
-        let starved_ns = self.cpu.lately_ns().unwrap_or(0).min(ns);
-        self.starved_ns = self.starved_ns.max(starved_ns);
-        if starved_ns + self.cycle_ns >= self.gone_ns {
-            note!("arm: {}", starved(starved_ns));
-        }
-    }
-
-    fn receive(&mut self, due: Stamp) {
-        let intake = &mut self.intake;
-        if let Some(ports) = &mut self.daemon.ports {
-            ports.commands.drain(|command| {
-                // Not at `due`: an echo must not say that a command was taken before it was sent.
-                intake.receive(command, Stamp(monotonic_now_ns()), due);
-            });
-        }
-    }
-
-    fn guided(&mut self, due: u64) {
-        let Some(guide) = &mut self.guide else { return };
-        let rest = self.intake.rest(Stamp(due));
-        if let Some(q) = guide.look(rest, due) {
-            self.intake.put(q);
-        }
-    }
-
-    /// Reports the joints as they are at `due`, then moves through one cycle.
-    fn cycle(&mut self, due: u64) {
-        let joints = self.model.joints();
-        self.cycles += 1;
-        let refused = self.refused();
-        self.teller.look(&refused, due);
-        let mut state = JointState {
-            robot_stamp_ns: self.cycles * self.cycle_ns,
-            commands_received: self.intake.accepted(),
-            commands_refused: refused.total(),
-            q: joints.q,
-            qd: joints.qd,
-            safety_mode: SafetyMode::Normal.into(),
-            robot_mode: RobotMode::Running.into(),
-            line: ArmLine { flags: arm_flags::SIMULATED, ..ArmLine::default() },
-            ..JointState::default()
-        };
-        if let Some((command, taken)) = self.intake.newest() {
-            state.echo(command, taken.0);
-            // On its way home the tool may be anywhere.
-            if command.mode != u32::from(Mode::Homing) {
-                self.extent.see(&joints.q);
-            }
-        }
-        if let Some(ports) = &mut self.daemon.ports {
-            // Without a daemon there is no receiver; the lookout handles that.
-            let _ = ports.states.publish(due, state);
-        }
-        if let Some(record) = &mut self.record {
-            record.add(due, &joints.q);
-        }
-        let target = self.intake.target(Stamp(due));
-        self.model.cycle(target);
-        self.delay.add(self.model.delay_s());
-    }
-
-    /// The client library refuses first; those commands never reach the intake.
-    fn refused(&self) -> Refused {
-        let commands = self.daemon.ports.as_ref().map(|ports| &ports.commands);
-        let (count, newest) = commands.map_or((0, None), |c| (c.rejections().total(), c.newest_refused()));
-        self.intake.refused().with(count, newest)
-    }
-
-    fn report(&self, rate_hz: f64, not_real_time: Option<String>) -> SimReport {
-        let lag_ms_at =
-            |t_s| Some(1e3 * self.model.settings().group_delay_at(t_s)).filter(|ms| ms.is_finite());
-        SimReport {
-            commands: CommandReport::of(
-                self.intake.statistics(),
-                self.intake.accepted(),
-                self.intake.lost(),
-                self.refused(),
-            ),
-            arm: ArmReport {
-                rate_hz,
-                cycles: self.cycles,
-                late_cycles: self.late_cycles,
-                starved_ms: self.starved_ns as f64 * 1e-6,
-                not_real_time,
-                daemons: self.daemon.count,
-                lag_ms: lag_ms_at(0.0),
-                lag_at_end_ms: lag_ms_at(self.cycles as f64 * self.cycle_ns as f64 * 1e-9),
-                delay_ms: self.delay.report(),
-            },
-            envelope: self.extent.extent().map(ExtentFigures::from),
-        }
-    }
-}
-
-const _: () = assert!(JOINTS == foretrace_client::JOINTS);

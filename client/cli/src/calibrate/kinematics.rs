@@ -5,13 +5,14 @@
 use std::path::PathBuf;
 
 use foretrace_config::presets;
+use foretrace_report::failures::DOCTOR;
 use foretrace_ur::bridge::kinematics::{Deviation, DhParameters};
 use foretrace_ur::bridge::probe::{Found, probe};
 use serde::Serialize;
 
-use crate::failure::{Cause, Failure};
-use crate::output::{JsonArgs, say};
-use crate::robot::{self, HostArgs};
+use crate::failure::Failure;
+use crate::output::{JsonArgs, say, write_file};
+use crate::robot::HostArgs;
 use crate::settings::SettingsArgs;
 
 /// Read a Universal Robots arm's factory calibration and write its kinematics as a URDF for the settings
@@ -55,9 +56,9 @@ struct KinematicsReport {
 pub(super) fn run(args: &KinematicsArgs) -> Result<(), Failure> {
     args.json.claim()?;
     let config = args.settings.load()?;
-    let found = probe(&args.host.addresses()?).map_err(|error| Failure::failed(error, robot::DOCTOR))?;
+    let found = probe(&args.host.addresses()?).map_err(|error| Failure::failed(error, DOCTOR))?;
     let dh = found.dh.ok_or_else(|| {
-        Failure::failed("the controller does not tell its kinematics on port 30001", robot::DOCTOR)
+        Failure::failed("the controller does not tell its kinematics on port 30001", DOCTOR)
     })?;
     let deviation = found.deviation(&config);
     say!(
@@ -68,13 +69,7 @@ pub(super) fn run(args: &KinematicsArgs) -> Result<(), Failure> {
     );
     tell(&dh, deviation);
     if let Some(out) = &args.out {
-        let text = written(&found, &dh)?;
-        foretrace_sim::whole::write(out, |file| std::io::Write::write_all(file, text.as_bytes())).map_err(
-            |error| {
-                let what = format!("cannot write {}: {error}", out.display());
-                Failure::failed(what, "give a writable --out FILE")
-            },
-        )?;
+        write_file(out, &written(&found, &dh)?, "--out")?;
         let tool = config.settings().robot.tool_m;
         say!("\nwritten to {}; put into the settings, beside your own values:\n", out.display());
         say!("[robot]\nurdf = {:?}  # relative to the settings file", out.display().to_string());
@@ -124,7 +119,7 @@ fn written(found: &Found, dh: &DhParameters) -> Result<String, Failure> {
             "it has {}; for another arm take the maker's URDF and put the numbers above into it",
             presets::robot_names()
         );
-        Failure::new(Cause::BadInput, what, remedy)
+        Failure::bad_input(what, remedy)
     })?;
     dh.urdf(nominal).map_err(|error| Failure::failed(error, ""))
 }

@@ -1,9 +1,6 @@
 //! `foretrace calibrate`: measure what the settings need to know about the arm.
 
 mod lag;
-mod agreement;
-mod listen;
-mod report;
 mod kinematics;
 mod plane;
 
@@ -12,7 +9,7 @@ use crate::failure::Failure;
 /// `foretrace calibrate ...`
 #[derive(Debug, clap::Subcommand)]
 pub(crate) enum CalibrateCommand {
-    Lag(lag::LagArgs),
+    Lag(lag::LagMeasureArgs),
     Kinematics(kinematics::KinematicsArgs),
     Plane(plane::PlaneArgs),
 }
@@ -23,9 +20,4 @@ pub(crate) fn run(command: &CalibrateCommand) -> Result<(), Failure> {
         CalibrateCommand::Kinematics(args) => kinematics::run(args),
         CalibrateCommand::Plane(args) => plane::run(args),
     }
-}
-
-/// The failure of a calibration, with its remedy.
-fn uncalibrated(error: foretrace_calibrate::CalibrateError) -> Failure {
-    Failure::bad_input(error.what, error.remedy)
 }

@@ -5,32 +5,28 @@
 //! daemon and a simulated arm of its own, which end with it.
 
 mod lan;
-mod recordings;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use foretrace_client::{FaultReason, Foretrace, Instance, RequestError, StopDetail};
+use foretrace_client::Instance;
+use foretrace_client::wire::{FaultReason, StopDetail};
 use foretrace_config::Settings;
-use foretrace_console::{Console, Link};
-use foretraced::{Base, Source};
+use foretrace_console::{Console, DaemonLink, Lan, LanAddress, Records};
+use foretrace_live::record_button::RecordButton;
+use foretrace_report::run::LastWords;
+use foretrace_report::stopped;
+use foretrace_sim::source::{PathOptions, load};
+use foretraced::Source;
 
-use self::recordings::Recordings;
-use crate::attach::{attach_within, instance_of, unattached};
-use crate::demo::children::{Child, LastWords};
-use crate::demo::scratch::{Leftovers, Scratch};
+use crate::attach::{attach_within, instance_of};
+use crate::demo::crew::{Crew, settings_arguments, words};
+use crate::demo::scratch::{PrivateFiles, Scratch};
 use crate::failure::Failure;
 use crate::interrupt::Interrupt;
 use crate::output::{JsonArgs, note, say};
-use crate::play::source::{self, PathArgs};
-use crate::request::{may_pass, refused};
 use crate::settings::{SettingsArgs, judged};
-use crate::stopped;
-
-/// A busy machine takes seconds to start two processes.
-const STARTING: Duration = Duration::from_secs(30);
-const ANSWER: Duration = Duration::from_secs(2);
-const STRIDE: Duration = Duration::from_millis(50);
 
 /// Write in a browser and see the arm follow
 ///
@@ -56,7 +52,7 @@ pub(crate) struct ConsoleArgs {
     /// Let other machines in, under TLS, at ADDRESS of this one, or at the one that leads to others
     #[arg(long, value_name = "ADDRESS", num_args = 0..=1, require_equals = true,
           default_missing_value = "usual")]
-    lan: Vec<lan::Place>,
+    lan: Vec<LanAddress>,
 
     /// Start a daemon and a simulated arm as well, on an instance of their own, and arm it
     #[arg(long)]
@@ -87,7 +83,7 @@ pub(crate) struct ConsoleArgs {
 
 pub(crate) fn run(args: &ConsoleArgs) -> Result<(), Failure> {
     args.json.claim()?;
-    recordings::checked(args.recordings.as_deref())?;
+    checked(args.recordings.as_deref())?;
     let interrupt = Interrupt::listen()?;
     let scratch = if args.sim { Some(Scratch::create()?) } else { None };
     let mut source = args.settings.source()?;
@@ -97,27 +93,29 @@ pub(crate) fn run(args: &ConsoleArgs) -> Result<(), Failure> {
     let config = judged(&source)?;
     let instance = instance_of(config.settings())?;
     let log = |words: &str| note!("console: {words}");
-    let lan = if args.lan.is_empty() { None } else { Some(lan::prepared(&args.lan)?) };
+    let lan = if args.lan.is_empty() { None } else { Some(Lan::prepared(&args.lan)?) };
     let certificate = lan.as_ref().map(|lan| lan.certificate.clone());
     let console = Console::open(args.port, lan, Box::new(log)).map_err(|error| Failure::failed(error, ""))?;
     // Goes after the processes have ended.
-    let _leftovers = scratch.is_some().then(|| Leftovers(instance.clone()));
+    let _files = scratch.is_some().then(|| PrivateFiles(instance.clone()));
     let mut crew = match &scratch {
-        Some(_) => simulated(&source, &instance, &interrupt)?,
+        Some(_) => Some(simulated(&source, &instance, &interrupt)?),
         None => {
             attach_within(&instance, Duration::from_secs_f64(args.wait))?;
-            Vec::new()
+            None
         }
     };
     let settings = config.settings().clone();
-    let arm = crew.last().map(Child::words);
-    let recordings = Recordings::new(args.recordings.as_deref(), args.max_size, &instance, &config);
-    let link = Link {
+    let arm = crew.as_ref().map(|crew| crew.words("arm"));
+    let limits = config.follower_settings().limits;
+    let log = Arc::new(|words: &str| note!("{words}"));
+    let recordings = RecordButton::new(args.recordings.as_deref(), args.max_size, &instance, limits, log);
+    let link = DaemonLink {
         instance,
         config,
         writer: Box::new(move |text| written(text, &settings)),
         remedy: Box::new(move |fault, stop| remedy(fault, stop, arm.as_ref())),
-        recordings: Box::new(recordings),
+        recordings: Box::new(Recordings(recordings)),
     };
     say!("open {}", console.address());
     if let Some(scratch) = &scratch {
@@ -133,7 +131,7 @@ pub(crate) fn run(args: &ConsoleArgs) -> Result<(), Failure> {
     let begin = Instant::now();
     let mut died = None;
     let over = || {
-        died = crew.iter_mut().find_map(|child| child.expect_alive().err());
+        died = crew.as_mut().and_then(|crew| crew.expect_alive().err());
         let lasted = args.seconds.is_some_and(|seconds| begin.elapsed().as_secs_f64() >= seconds);
         interrupt.is_set() || lasted || died.is_some()
     };
@@ -141,9 +139,9 @@ pub(crate) fn run(args: &ConsoleArgs) -> Result<(), Failure> {
     if let Some(failure) = died {
         return Err(failure);
     }
-    // The arm before its daemon.
-    while let Some(mut child) = crew.pop() {
-        child.end()?;
+    if let Some(crew) = &mut crew {
+        crew.end("arm")?;
+        crew.end("daemon")?;
     }
     let refused: u64 = tally.refused.values().sum();
     let lost: u64 = tally.samples_refused.values().sum();
@@ -160,40 +158,43 @@ pub(crate) fn run(args: &ConsoleArgs) -> Result<(), Failure> {
     args.json.write(&tally)
 }
 
+/// The record button of a page.
+struct Recordings(RecordButton);
+
+impl Records for Recordings {
+    fn begin(&mut self) -> Result<String, String> {
+        self.0.begin()
+    }
+
+    fn end(&mut self) -> Result<String, String> {
+        self.0.end()
+    }
+
+    fn shown(&self) -> serde_json::Value {
+        self.0.shown()
+    }
+}
+
+/// Refuses a folder that cannot be one before anything is started.
+fn checked(folder: Option<&Path>) -> Result<(), Failure> {
+    match folder {
+        Some(folder) if folder.exists() && !folder.is_dir() => Err(Failure::bad_input(
+            format_args!("{} is no folder", folder.display()),
+            "give a folder for --recordings DIR",
+        )),
+        _ => Ok(()),
+    }
+}
+
 /// A daemon and a simulated arm, armed.
-fn simulated(source: &Source, instance: &Instance, interrupt: &Interrupt) -> Result<Vec<Child>, Failure> {
-    let mut common = match &source.base {
-        Base::File(file) => vec!["--config".to_owned(), file.display().to_string()],
-        Base::Preset(name) => vec!["--preset".to_owned(), name.clone()],
-    };
-    for (key, value) in &source.overrides {
-        common.extend(["--set".to_owned(), format!("{key}={value}")]);
-    }
-    let words = |first: &[&str]| -> Vec<String> {
-        first.iter().map(|word| (*word).to_owned()).chain(common.iter().cloned()).collect()
-    };
-    let mut crew = vec![Child::start("daemon", &words(&["daemon", "--log", "warn"]))?];
-    let deadline = Instant::now() + STARTING;
-    let foretrace = loop {
-        match Foretrace::attach_within(instance, STRIDE) {
-            Ok(foretrace) => break foretrace,
-            Err(foretrace_client::ServiceError::NoDaemon { .. }) if Instant::now() < deadline => {
-                looked(&mut crew, interrupt)?;
-            }
-            Err(error) => return Err(unattached(error)),
-        }
-    };
-    crew.push(Child::start("arm", &words(&["arm", "sim"]))?);
-    let mut requests = foretrace.requests().map_err(unattached)?;
-    let may_wait = |error: &RequestError| may_pass(error) && Instant::now() < deadline;
-    loop {
-        looked(&mut crew, interrupt)?;
-        match requests.arm(ANSWER) {
-            Ok(_) => return Ok(crew),
-            Err(error) if may_wait(&error) => std::thread::sleep(STRIDE),
-            Err(error) => return Err(refused(&error)),
-        }
-    }
+fn simulated(source: &Source, instance: &Instance, interrupt: &Interrupt) -> Result<Crew, Failure> {
+    let common = settings_arguments(source);
+    let mut crew = Crew::quiet(interrupt.clone());
+    crew.start("daemon", &[words(&["daemon", "--log", "warn"]), common.clone()].concat())?;
+    let foretrace = crew.attached(instance)?;
+    crew.start("arm", &[words(&["arm", "sim"]), common].concat())?;
+    crew.arm(&mut foretrace.requests())?;
+    Ok(crew)
 }
 
 /// What to do about a stop; where the simulated arm says at that time that it got no CPU, that.
@@ -204,18 +205,10 @@ fn remedy(fault: FaultReason, stop: &StopDetail, arm: Option<&LastWords>) -> Str
     }
 }
 
-fn looked(crew: &mut [Child], interrupt: &Interrupt) -> Result<(), Failure> {
-    interrupt.check()?;
-    crew.iter_mut().try_for_each(Child::expect_alive)
-}
-
 /// The built-in writer's path of a text: seconds, metres, contact.
 fn written(text: &str, settings: &Settings) -> Result<Vec<(f64, f64, f64, bool)>, String> {
-    let name = format!("glyphs:{text}");
-    let source = source::load(&[name], &PathArgs::default(), settings).map_err(|failure| {
-        let words = failure.to_string();
-        words.strip_prefix("foretrace: ").unwrap_or(&words).to_owned()
-    })?;
+    let source = load(&[format!("glyphs:{text}")], &PathOptions::default(), settings)
+        .map_err(|failure| failure.to_string())?;
     let samples = &source.path.samples;
     let first = samples.first().map_or(0.0, |sample| sample.t_s);
     Ok(samples.iter().map(|sample| (sample.t_s - first, sample.x_m, sample.y_m, sample.contact)).collect())
@@ -233,7 +226,7 @@ mod tests {
         assert!(path.len() > 100 && path[0].0 == 0.0 && path.iter().any(|(.., contact)| *contact));
         let [[x_min, x_max], ..] = config.settings().plane.workspace_m;
         assert!(path.iter().all(|(_, x, ..)| (x_min..=x_max).contains(x)));
-        let told = written("\u{1b}", config.settings()).unwrap_err();
-        assert!(!told.is_empty() && !told.starts_with("foretrace:"), "{told}");
+        let message = written("\u{1b}", config.settings()).unwrap_err();
+        assert!(!message.is_empty() && !message.starts_with("foretrace:"), "{message}");
     }
 }

@@ -4,52 +4,19 @@
 //! waited for. What it writes on stderr is kept, the last lines only, to be shown if it fails. Its stdout
 //! goes nowhere.
 
-use std::collections::VecDeque;
 use std::io::{BufRead, BufReader};
 use std::process::{Command, ExitStatus, Stdio};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use foretrace_client::{FaultReason, StopDetail, monotonic_now_ns};
+use foretrace_client::monotonic_now_ns;
+use foretrace_report::run::LastWords;
+use rustix::process::{Pid, Signal, kill_process};
 
 use crate::failure::Failure;
-use crate::os;
-use crate::stopped::STARVED;
+use crate::os::tie_to_parent;
 
 const GRACE: Duration = Duration::from_secs(5);
-const TAIL_LINES: usize = 20;
-/// What an arm says of a pause of its own comes within this time of the stop \[ns\].
-const SAME_NS: u64 = 2_000_000_000;
-
-/// The last lines of a process on stderr, and when they came on the monotonic clock [ns].
-#[derive(Debug, Clone, Default)]
-pub(crate) struct LastWords(Arc<Mutex<VecDeque<(u64, String)>>>);
-
-impl LastWords {
-    fn lines(&self) -> MutexGuard<'_, VecDeque<(u64, String)>> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    fn push(&self, at_ns: u64, line: String) {
-        let mut lines = self.lines();
-        if lines.len() >= TAIL_LINES {
-            lines.pop_front();
-        }
-        lines.push_back((at_ns, line));
-    }
-
-    /// What a simulated arm said of its own want of CPU when this stop latched for want of its joint state.
-    pub(crate) fn starved(&self, fault: FaultReason, stop: &StopDetail) -> Option<String> {
-        if fault != FaultReason::JointStateStale {
-            return None;
-        }
-        let lines = self.lines();
-        let mut then = lines.iter().rev().filter(|(came_ns, _)| came_ns.abs_diff(stop.at_ns) <= SAME_NS);
-        then.find_map(|(_, line)| Some(line.get(line.find(STARVED)?..)?.to_owned()))
-    }
-}
-
 /// One process of the demo.
 #[derive(Debug)]
 pub(crate) struct Child {
@@ -68,7 +35,7 @@ impl Child {
         let program = std::env::current_exe().map_err(cannot)?;
         let mut command = Command::new(program);
         command.args(arguments).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped());
-        let mut process = os::tie_to_parent(&mut command).spawn().map_err(cannot)?;
+        let mut process = tie_to_parent(&mut command).spawn().map_err(cannot)?;
         let tail = LastWords::default();
         let reader = process.stderr.take().map(|stderr| {
             let tail = tail.clone();
@@ -88,14 +55,11 @@ impl Child {
 
     /// Fails with the child's last words if it has ended, in whatever way.
     pub(crate) fn expect_alive(&mut self) -> Result<(), Failure> {
-        match self.poll() {
-            None => Ok(()),
-            Some(status) => Err(self.died(status)),
-        }
+        self.poll().map_or(Ok(()), |status| Err(self.died(status)))
     }
 
     /// How it ended, if it has.
-    pub(crate) fn poll(&mut self) -> Option<ExitStatus> {
+    fn poll(&mut self) -> Option<ExitStatus> {
         if self.status.is_none() {
             self.status = self.process.try_wait().ok().flatten();
         }
@@ -121,7 +85,7 @@ impl Child {
         {
             let _ = reader.join();
         }
-        self.tail.lines().iter().map(|(_, line)| line.clone()).collect()
+        self.tail.texts()
     }
 
     fn died(&mut self, status: ExitStatus) -> Failure {
@@ -134,7 +98,8 @@ impl Child {
         if let Some(status) = self.poll() {
             return Some(status);
         }
-        os::terminate(self.process.id());
+        // A child that has not been waited for: its number is not used again.
+        let _ = kill_process(Pid::from_child(&self.process), Signal::TERM);
         let deadline = Instant::now() + GRACE;
         while Instant::now() < deadline {
             if let Some(status) = self.poll() {
@@ -153,26 +118,5 @@ impl Drop for Child {
         if self.status.is_none() {
             let _ = self.ended();
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::stopped::starved;
-
-    #[test]
-    fn an_arm_that_got_no_cpu_is_told_for_the_stop_at_that_time_only() {
-        let words = LastWords::default();
-        let at = |at_ns| StopDetail { at_ns, ..StopDetail::NONE };
-        assert_eq!(words.starved(FaultReason::JointStateStale, &at(0)), None);
-        words.push(10_000_000_000, format!("foretrace: arm: {}", starved(83_000_000)));
-        words.push(10_100_000_000, "arm: something else".to_owned());
-        let told = words.starved(FaultReason::JointStateStale, &at(9_950_000_000)).unwrap();
-        assert!(told.starts_with(STARVED) && told.ends_with(" 83 ms"), "{told}");
-        assert_eq!(words.starved(FaultReason::JointStateStale, &at(60_000_000_000)), None);
-        assert_eq!(words.starved(FaultReason::TrackingError, &at(9_950_000_000)), None);
-        (0..TAIL_LINES).for_each(|_| words.push(11_000_000_000, String::new()));
-        assert_eq!(words.starved(FaultReason::JointStateStale, &at(9_950_000_000)), None, "forgotten");
     }
 }

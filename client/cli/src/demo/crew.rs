@@ -1,4 +1,4 @@
-//! The demo's processes over a run: up, armed, following, disarmed, down.
+//! The demo's processes over a run: up, armed, following, disarmed, down; the console's beside it.
 //!
 //! Contract: every wait looks for Ctrl-C and for children that ended; whatever goes wrong, dropping the crew
 //! ends them all, the newest first.
@@ -6,16 +6,17 @@
 use std::net::{SocketAddr, TcpStream};
 use std::time::{Duration, Instant};
 
-use foretrace_client::{Foretrace, Instance, Mode, Requests, ServiceError, StatusReader, Telemetry};
+use foretrace_client::{Foretrace, Instance, Mode, Requests, ServiceError};
+use foretrace_report::failures::{may_pass, refused};
+use foretrace_report::run::{LastWords, RunWatch};
+use foretraced::{Base, Source};
 use indicatif::{ProgressBar, ProgressStyle};
 
-use super::children::{Child, LastWords};
-use super::gathered::{Gathered, JointUse, StopNote, TickNote};
+use super::children::Child;
 use crate::attach::unattached;
 use crate::failure::Failure;
 use crate::interrupt::Interrupt;
 use crate::output::{may_draw, note};
-use crate::request::{may_pass, refused};
 
 /// A busy machine takes seconds to start three processes.
 const STARTING: Duration = Duration::from_secs(30);
@@ -24,17 +25,6 @@ const STOPPING: Duration = Duration::from_secs(5);
 const ANSWER: Duration = Duration::from_secs(2);
 const STRIDE: Duration = Duration::from_millis(20);
 
-/// What is read from the daemon while it runs.
-pub(crate) struct Watch {
-    status: StatusReader,
-    telemetry: Telemetry,
-    requests: Requests,
-    pub(crate) gathered: Gathered,
-    /// When the newest stop that is known latched [ns].
-    stopped_ns: u64,
-}
-
-/// How following ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Followed {
     /// After the time asked for.
@@ -43,76 +33,37 @@ pub(crate) enum Followed {
     Stopped,
 }
 
-impl Watch {
-    pub(crate) fn open(foretrace: &Foretrace) -> Result<Self, Failure> {
-        Ok(Self {
-            status: foretrace.status().map_err(unattached)?,
-            telemetry: foretrace.telemetry().map_err(unattached)?,
-            requests: foretrace.requests().map_err(unattached)?,
-            gathered: Gathered::default(),
-            stopped_ns: 0,
-        })
-    }
-
-    /// Takes in what came since the last look.
-    fn read(&mut self) {
-        let Self { telemetry, gathered, stopped_ns, .. } = self;
-        let Gathered { ticks, stops, joints, .. } = gathered;
-        telemetry.drain(|record| {
-            ticks.push(TickNote::of(record));
-            joints.see(record);
-            if record.stop.at_ns > *stopped_ns {
-                *stopped_ns = record.stop.at_ns;
-                stops.push(StopNote::of(record.fault, &record.stop));
-            }
-        });
-        self.gathered.status = self.status.latest().copied().or(self.gathered.status);
-        // The record of the tick may have been lost; the status repeats its stop.
-        if let Some(status) = self.gathered.status.filter(|status| status.stop.at_ns > self.stopped_ns) {
-            self.stopped_ns = status.stop.at_ns;
-            self.gathered.stops.push(StopNote::of(status.fault, &status.stop));
-        }
-    }
-
-    /// Discards everything recorded before this moment.
-    fn begin(&mut self) {
-        self.read();
-        self.gathered.ticks.clear();
-        self.gathered.stops.clear();
-        self.gathered.joints = JointUse::default();
-    }
-
-    /// The daemon's last status.
-    pub(crate) fn last_words(mut self) -> Gathered {
-        let last = self.status.next_within(ANSWER);
-        self.read();
-        self.gathered.status = last.or(self.gathered.status);
-        self.gathered.ticks_lost = self.telemetry.lost();
-        self.gathered
-    }
-
-    fn mode(&self) -> Option<Mode> {
-        self.gathered.status.and_then(|status| Mode::try_from(status.mode).ok())
-    }
+/// Where a crew says what it does.
+enum Sayings {
+    Bar(ProgressBar),
+    Notes,
+    Nowhere,
 }
 
-/// The children and the progress bar.
+/// The children, and what they are doing.
 pub(crate) struct Crew {
     interrupt: Interrupt,
     children: Vec<(&'static str, Child)>,
-    bar: Option<ProgressBar>,
+    sayings: Sayings,
 }
 
 impl Crew {
+    /// One that says what it does: with a bar of `seconds` where there is a terminal.
     pub(crate) fn new(interrupt: Interrupt, seconds: f64) -> Self {
-        let bar = may_draw().then(|| {
+        let mut sayings = Sayings::Notes;
+        if may_draw() {
             let bar = ProgressBar::new((seconds * 1e3) as u64);
             if let Ok(style) = ProgressStyle::with_template("{msg:<34} {wide_bar} {percent:>3} %") {
                 bar.set_style(style);
             }
-            bar
-        });
-        Self { interrupt, children: Vec::new(), bar }
+            sayings = Sayings::Bar(bar);
+        }
+        Self { interrupt, children: Vec::new(), sayings }
+    }
+
+    /// One that says nothing.
+    pub(crate) fn quiet(interrupt: Interrupt) -> Self {
+        Self { interrupt, children: Vec::new(), sayings: Sayings::Nowhere }
     }
 
     /// Starts `foretrace ARGUMENTS...`.
@@ -122,52 +73,53 @@ impl Crew {
         Ok(())
     }
 
-    /// Waits for the daemon.
-    pub(crate) fn attached(&mut self, instance: &Instance) -> Result<Foretrace, Failure> {
+    /// Looks again and again, for as long as it takes to start, until there is an answer; `look` may say that
+    /// there is none yet, and why.
+    fn awaited<T>(
+        &mut self,
+        mut look: impl FnMut() -> Result<Result<T, Failure>, Failure>,
+    ) -> Result<T, Failure> {
         let deadline = Instant::now() + STARTING;
         loop {
             self.check()?;
-            match Foretrace::attach_within(instance, STRIDE) {
-                Ok(foretrace) => return Ok(foretrace),
-                Err(ServiceError::NoDaemon { .. }) if Instant::now() < deadline => {}
-                Err(error) => return Err(unattached(error)),
+            match look()? {
+                Err(_) if Instant::now() < deadline => std::thread::sleep(STRIDE),
+                answer => return answer,
             }
         }
+    }
+
+    /// Waits for the daemon.
+    pub(crate) fn attached(&mut self, instance: &Instance) -> Result<Foretrace, Failure> {
+        self.awaited(|| match Foretrace::attach_within(instance, STRIDE) {
+            Ok(foretrace) => Ok(Ok(foretrace)),
+            Err(error @ ServiceError::NoDaemon { .. }) => Ok(Err(unattached(error))),
+            Err(error) => Err(unattached(error)),
+        })
     }
 
     /// Waits until somebody listens at `address`.
     pub(crate) fn listening(&mut self, address: SocketAddr) -> Result<(), Failure> {
-        let deadline = Instant::now() + STARTING;
-        loop {
-            self.check()?;
-            match TcpStream::connect_timeout(&address, STRIDE) {
-                Ok(_) => return Ok(()),
-                Err(_) if Instant::now() < deadline => std::thread::sleep(STRIDE),
-                Err(error) => {
-                    return Err(Failure::failed(format_args!("nobody listens at {address}: {error}"), ""));
-                }
-            }
-        }
+        self.awaited(|| {
+            let connected = TcpStream::connect_timeout(&address, STRIDE).map(drop);
+            Ok(connected
+                .map_err(|error| Failure::failed(format_args!("nobody listens at {address}: {error}"), "")))
+        })
     }
 
     /// Asks to arm until the arm has reported its joints.
-    pub(crate) fn arm(&mut self, watch: &mut Watch) -> Result<(), Failure> {
-        let deadline = Instant::now() + STARTING;
-        loop {
-            self.check()?;
-            match watch.requests.arm(ANSWER) {
-                Ok(_) => break,
-                Err(error) if may_pass(&error) && Instant::now() < deadline => std::thread::sleep(STRIDE),
-                Err(error) => return Err(refused(&error)),
-            }
-        }
-        watch.begin();
+    pub(crate) fn arm(&mut self, requests: &mut Requests) -> Result<(), Failure> {
+        self.awaited(|| match requests.arm(ANSWER) {
+            Ok(_) => Ok(Ok(())),
+            Err(error) if may_pass(&error) => Ok(Err(refused(&error))),
+            Err(error) => Err(refused(&error)),
+        })?;
         self.say("armed");
         Ok(())
     }
 
     /// Lets the arm follow for `seconds`.
-    pub(crate) fn follow(&mut self, watch: &mut Watch, seconds: f64) -> Result<Followed, Failure> {
+    pub(crate) fn follow(&mut self, watch: &mut RunWatch, seconds: f64) -> Result<Followed, Failure> {
         self.say("the arm follows the pen");
         let mut begin = None;
         let patience = Instant::now() + STARTING;
@@ -189,7 +141,7 @@ impl Crew {
                 }
                 Some(begin) if (now - begin).as_secs_f64() >= seconds => return Ok(Followed::Whole),
                 Some(begin) => {
-                    if let Some(bar) = &self.bar {
+                    if let Sayings::Bar(bar) = &self.sayings {
                         bar.set_position((now - begin).as_millis() as u64);
                     }
                 }
@@ -200,7 +152,7 @@ impl Crew {
     }
 
     /// Stops the arm smoothly and disarms it.
-    pub(crate) fn let_go(&mut self, watch: &mut Watch) -> Result<(), Failure> {
+    pub(crate) fn let_go(&mut self, watch: &mut RunWatch) -> Result<(), Failure> {
         watch.read();
         let stops = watch.gathered.stops.len();
         watch.requests.disarm(ANSWER).map_err(|error| refused(&error))?;
@@ -237,34 +189,49 @@ impl Crew {
         Ok(())
     }
 
-    /// Takes the progress bar away.
-    pub(crate) fn done(self) {
-        if let Some(bar) = &self.bar {
-            bar.finish_and_clear();
-        }
+    /// Fails if a child has ended.
+    pub(crate) fn expect_alive(&mut self) -> Result<(), Failure> {
+        self.children.iter_mut().try_for_each(|(_, child)| child.expect_alive())
     }
 
     fn check(&mut self) -> Result<(), Failure> {
         self.interrupt.check()?;
-        self.children.iter_mut().try_for_each(|(_, child)| child.expect_alive())
+        self.expect_alive()
     }
 
     fn say(&self, words: &str) {
-        match &self.bar {
-            Some(bar) => {
+        match &self.sayings {
+            Sayings::Bar(bar) => {
                 bar.set_message(words.to_owned());
                 bar.tick();
             }
-            None => note!("demo: {words}"),
+            Sayings::Notes => note!("demo: {words}"),
+            Sayings::Nowhere => {}
         }
     }
 }
 
 impl Drop for Crew {
     fn drop(&mut self) {
-        if let Some(bar) = &self.bar {
+        if let Sayings::Bar(bar) = &self.sayings {
             bar.finish_and_clear();
         }
         while self.children.pop().is_some() {}
     }
+}
+
+/// The options that select `source`, without the rate, which only the daemon needs.
+pub(crate) fn settings_arguments(source: &Source) -> Vec<String> {
+    let mut out = match &source.base {
+        Base::File(file) => words(&["--config", &file.display().to_string()]),
+        Base::Preset(name) => words(&["--preset", name]),
+    };
+    for (key, value) in &source.overrides {
+        out.extend(["--set".to_owned(), format!("{key}={value}")]);
+    }
+    out
+}
+
+pub(crate) fn words(words: &[&str]) -> Vec<String> {
+    words.iter().map(|word| (*word).to_owned()).collect()
 }

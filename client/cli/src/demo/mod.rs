@@ -1,42 +1,31 @@
 //! `foretrace demo`: the whole loop on this machine, every part a process of its own.
 //!
 //! Contract: private instance and folder, so that nothing else is disturbed; all children are ended and
-//! everything is cleaned up whatever happens. The numbers come from the processes' own records.
+//! everything is cleaned up whatever happens. The numbers come from the processes' own records
+//! (`foretrace_report::run`).
 
 pub(crate) mod scratch;
-pub(crate) mod children;
-mod crew;
-mod gathered;
-mod figures;
-mod told;
-mod verdict;
-mod drawings;
-mod page;
-mod folder;
+mod children;
+pub(crate) mod crew;
 mod ur;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use foretrace_config::Config;
-use foretrace_control::extent::ExtentBounds;
 use foretrace_control::predict::PredictorKind;
-use foretraced::{Base, Source};
+use foretrace_report::run::{Gathered, RunReport, RunWatch, SettingFigures, folder};
+use foretraced::Source;
 
 use crate::arm::options::StartedArmArgs;
-use crate::attach::instance_of;
+use crate::attach::{instance_of, unattached};
 use crate::failure::Failure;
 use crate::interrupt::Interrupt;
 use crate::output::{JsonArgs, note, say};
-use crate::play::source::{self, PathArgs};
+use crate::play::source::PathArgs;
 use crate::settings::{SettingsArgs, judged};
 use crate::values;
-use crew::{Crew, Followed, Watch};
-use drawings::Drawings;
-use figures::{Figures, SettingFigures};
-use gathered::{Arm, Gathered};
-use scratch::Leftovers;
-pub(crate) use scratch::Scratch;
-use verdict::Finding;
+use crew::{Crew, Followed, settings_arguments, words};
+use scratch::{PrivateFiles, Scratch};
 
 /// Run everything together: daemon, simulated arm and handwriting, then show how it went
 ///
@@ -51,7 +40,7 @@ use verdict::Finding;
 )]
 pub(crate) struct DemoArgs {
     /// How long the arm follows [s]
-    #[arg(long, value_name = "S", default_value_t = 20.0, value_parser = duration)]
+    #[arg(long, value_name = "S", default_value_t = 20.0, value_parser = values::number(1.0..=3600.0, "a number of seconds from 1 to 3600"))]
     seconds: f64,
 
     /// Handwriting to follow, over and over: recording, data-set folder, CSV, or glyphs:TEXT
@@ -109,18 +98,17 @@ pub(crate) struct DemoArgs {
 
 pub(crate) fn run(args: &DemoArgs) -> Result<(), Failure> {
     args.json.claim_beside(&args.out)?;
-    let stage = Stage::set(args)?;
+    let plan = DemoPlan::of(args)?;
     // Checks before the run that the folder can be written; it is made only if it is needed.
     folder::prepare(&args.out)?;
-    let (figures, drawings, findings) = stage.performed(args)?;
-    for (name, value) in told::rows(&figures) {
+    let report = plan.performed(args)?;
+    for (name, value) in report.rows() {
         say!("{name:<10}{value}");
     }
-    args.json.write(&figures)?;
-    let page = page::page(&figures, &drawings, &findings);
-    whole(&args.out, |folder| folder::write(folder, &figures, &page))?;
+    args.json.write(&report.figures)?;
+    folder::write(&args.out, &report)?;
     say!("{:<10}{}", "report", args.out.join("report.html").display());
-    let Some((worst, others)) = findings.split_first() else { return Ok(()) };
+    let Some((worst, others)) = report.findings.split_first() else { return Ok(()) };
     for other in others {
         note!("demo: {}", other.what);
     }
@@ -128,7 +116,7 @@ pub(crate) fn run(args: &DemoArgs) -> Result<(), Failure> {
 }
 
 /// What is known before anything runs.
-pub(crate) struct Stage {
+pub(crate) struct DemoPlan {
     interrupt: Interrupt,
     scratch: Scratch,
     source: Source,
@@ -137,22 +125,21 @@ pub(crate) struct Stage {
     turn_s: f64,
 }
 
-impl Stage {
-    pub(crate) fn set(args: &DemoArgs) -> Result<Self, Failure> {
+impl DemoPlan {
+    pub(crate) fn of(args: &DemoArgs) -> Result<Self, Failure> {
         let interrupt = Interrupt::listen()?;
         let scratch = Scratch::create()?;
         let (source, config) = settings(args, &scratch)?;
-        let played = source::load(std::slice::from_ref(&args.pen), &args.path, config.settings())?;
+        let played = args.path.load(std::slice::from_ref(&args.pen), config.settings())?;
         Ok(Self { interrupt, scratch, source, config, turn_s: played.path.closed().duration_s() })
     }
 
     /// Figures, pictures and findings of a run, without a report.
     ///
     /// Everything else is cleaned up by now: printing to a closed pipe ends the program.
-    pub(crate) fn performed(self, args: &DemoArgs) -> Result<(Figures, Drawings, Vec<Finding>), Failure> {
+    pub(crate) fn performed(self, args: &DemoArgs) -> Result<RunReport, Failure> {
         let Self { interrupt, scratch, source, config, turn_s } = self;
         let gathered = evidence_of(args, &source, &config, &scratch, &interrupt)?;
-        let scored = figures::scored(&gathered, config.settings());
         let setting = SettingFigures {
             pen: args.pen.clone(),
             predictor: config.settings().predictor.kind.name(),
@@ -160,34 +147,8 @@ impl Stage {
             settings: config.name().to_owned(),
             optimised_build: !cfg!(debug_assertions),
         };
-        let figures = figures::figures(&gathered, scored.as_ref(), &config, setting)?;
-        let bounds = ExtentBounds::of(&config.follower_settings());
-        let findings = verdict::of(&gathered, &figures, &bounds);
-        let drawings = Drawings::of(&gathered, &figures, scored.as_ref(), &config, turn_s);
-        Ok((figures, drawings, findings))
+        RunReport::of(&gathered, &config, setting, turn_s)
     }
-}
-
-/// Lets `write` fill a folder of its own inside `out`, then moves the files: a report that fails leaves
-/// nothing behind, and what was there stays.
-fn whole(out: &Path, write: impl FnOnce(&Path) -> Result<(), Failure>) -> Result<(), Failure> {
-    let partial = out.join(format!(".report-{}.partial", std::process::id()));
-    let moved = || -> std::io::Result<()> {
-        for entry in std::fs::read_dir(&partial)? {
-            let entry = entry?;
-            std::fs::rename(entry.path(), out.join(entry.file_name()))?;
-        }
-        Ok(())
-    };
-    let written = write(&partial).and_then(|()| {
-        moved().map_err(|error| {
-            let what = format_args!("cannot write the report into {}: {error}", out.display());
-            Failure::failed(what, "give a writable folder with --out")
-        })
-    });
-    // Empty, or of no use.
-    let _ = std::fs::remove_dir_all(&partial);
-    written
 }
 
 /// The settings of all processes: as asked for, on a private instance.
@@ -224,7 +185,7 @@ fn evidence_of(
 ) -> Result<Gathered, Failure> {
     let instance = instance_of(config.settings())?;
     // Declared first, so that it goes last.
-    let _leftovers = Leftovers(instance.clone());
+    let _files = PrivateFiles(instance.clone());
     let common = settings_arguments(source);
     let file = |name: &str| scratch.file(name).display().to_string();
     let mut crew = Crew::new(interrupt.clone(), args.seconds);
@@ -237,7 +198,7 @@ fn evidence_of(
     daemon.extend(common.iter().cloned());
     crew.start("daemon", &daemon)?;
     let foretrace = crew.attached(&instance)?;
-    let mut watch = Watch::open(&foretrace)?;
+    let mut watch = RunWatch::open(&foretrace).map_err(unattached)?;
 
     let mut arm = match args.kind.as_str() {
         "ur" => {
@@ -257,7 +218,8 @@ fn evidence_of(
     arm.extend(args.arm.arguments());
     arm.extend(common.iter().cloned());
     crew.start("arm", &arm)?;
-    crew.arm(&mut watch)?;
+    crew.arm(&mut watch.requests)?;
+    watch.begin();
 
     let mut player = words(&["play", "--loop", "--record", &file("pen.csv"), "--json", &file("pen.json")]);
     player.extend(path_arguments(&args.path));
@@ -266,45 +228,25 @@ fn evidence_of(
     crew.start("player", &player)?;
     let followed = crew.follow(&mut watch, args.seconds)?;
     // After a stop the records count: a failure to disarm in order must not cost the report.
-    let let_go = |crew: &mut Crew, watch: &mut Watch| match (followed, crew.let_go(watch)) {
+    let let_go = |crew: &mut Crew, watch: &mut RunWatch| match (followed, crew.let_go(watch)) {
         (Followed::Whole, Err(failure)) => Err(failure),
         _ => Ok(()),
     };
 
     crew.end("player")?;
     let_go(&mut crew, &mut watch)?;
-    let arm_said = crew.words("arm");
+    let arm_words = crew.words("arm");
     crew.end("arm")?;
     crew.end(ur::CONTROLLER)?;
     ur::echo_ends(&mut crew)?;
     let mut gathered = watch.last_words();
     drop(foretrace);
     crew.end("daemon")?;
-    crew.done();
+    drop(crew);
 
-    gathered.arm_said = arm_said;
-    let plane = config.follower_settings().plane;
-    gathered.pen = gathered::pen(&scratch.file("pen.csv"), &plane)?;
-    let Arm { measured, tool, heights, extent } = gathered::arm(&scratch.file("arm.csv"), config, &plane)?;
-    (gathered.measured, gathered.tool, gathered.heights, gathered.extent) = (measured, tool, heights, extent);
-    gathered.arm = gathered::report(&scratch.file("arm.json"))?;
-    if args.kind == "ur" {
-        gathered.echo = gathered::report(&scratch.file("echo.json"))?;
-    }
-    gathered.player = gathered::report(&scratch.file("pen.json"))?;
+    gathered.arm_words = arm_words;
+    gathered.read(scratch.folder(), config, args.kind == "ur")?;
     Ok(gathered)
-}
-
-/// The options that select `source`, without the rate, which only the daemon needs.
-fn settings_arguments(source: &Source) -> Vec<String> {
-    let mut out = match &source.base {
-        Base::File(file) => words(&["--config", &file.display().to_string()]),
-        Base::Preset(name) => words(&["--preset", name]),
-    };
-    for (key, value) in &source.overrides {
-        out.extend(["--set".to_owned(), format!("{key}={value}")]);
-    }
-    out
 }
 
 fn path_arguments(path: &PathArgs) -> Vec<String> {
@@ -322,17 +264,6 @@ fn option(name: &str, value: Option<impl ToString>) -> Vec<String> {
     value.map_or_else(Vec::new, |value| vec![format!("{name}={}", value.to_string())])
 }
 
-fn words(words: &[&str]) -> Vec<String> {
-    words.iter().map(|word| (*word).to_owned()).collect()
-}
-
-fn duration(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(seconds) if (1.0..=3600.0).contains(&seconds) => Ok(seconds),
-        _ => Err("a number of seconds from 1 to 3600".to_owned()),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -344,27 +275,6 @@ mod tests {
         settings: SettingsArgs,
         #[command(flatten)]
         path: PathArgs,
-    }
-
-    #[test]
-    fn a_report_that_fails_leaves_the_old_one_and_nothing_half_written() {
-        let folder = tempfile::tempdir().unwrap();
-        std::fs::write(folder.path().join("report.html"), "old").unwrap();
-        let filled = |text: &'static str, outcome: Result<(), Failure>| {
-            whole(folder.path(), |partial| {
-                std::fs::create_dir_all(partial).unwrap();
-                std::fs::write(partial.join("path.svg"), text).unwrap();
-                std::fs::write(partial.join("report.html"), text).unwrap();
-                outcome
-            })
-        };
-        let count = || std::fs::read_dir(folder.path()).unwrap().count();
-        assert!(filled("new", Err(Failure::failed("no room", ""))).is_err());
-        assert_eq!(count(), 1);
-        assert_eq!(std::fs::read_to_string(folder.path().join("report.html")).unwrap(), "old");
-        filled("new", Ok(())).unwrap();
-        assert_eq!(count(), 2);
-        assert_eq!(std::fs::read_to_string(folder.path().join("report.html")).unwrap(), "new");
     }
 
     #[test]

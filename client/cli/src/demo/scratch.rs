@@ -2,7 +2,7 @@
 
 use std::fs::DirBuilder;
 use std::os::unix::fs::DirBuilderExt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use foretrace_client::Instance;
 
@@ -27,6 +27,10 @@ impl Scratch {
         Err(Failure::failed(format_args!("cannot make a folder below /tmp{why}"), "make /tmp writable"))
     }
 
+    pub(crate) fn folder(&self) -> &Path {
+        &self.0
+    }
+
     pub(crate) fn file(&self, name: &str) -> PathBuf {
         self.0.join(name)
     }
@@ -46,9 +50,9 @@ impl Drop for Scratch {
 /// Dropped after all processes have ended, it removes what killed ones left in /dev/shm of a private
 /// instance.
 #[derive(Debug)]
-pub(crate) struct Leftovers(pub(crate) Instance);
+pub(crate) struct PrivateFiles(pub(crate) Instance);
 
-impl Drop for Leftovers {
+impl Drop for PrivateFiles {
     fn drop(&mut self) {
         let left = std::fs::read_dir("/dev/shm").into_iter().flatten().flatten();
         for entry in left.filter(|entry| entry.file_name().to_string_lossy().starts_with(self.0.prefix())) {

@@ -2,12 +2,13 @@
 
 use std::net::{Ipv4Addr, TcpListener};
 
+use foretrace_arm::priority::below_the_loop;
 use foretrace_config::Config;
 use foretrace_ur::bridge::address::Addresses;
 use foretraced::{Base, Source};
 
-use super::crew::Crew;
-use super::{DemoArgs, words};
+use super::DemoArgs;
+use super::crew::{Crew, words};
 use crate::failure::Failure;
 
 /// What its process is called.
@@ -60,7 +61,7 @@ pub(super) fn echo(crew: &mut Crew, config: &Config, no_rights: bool, report: &s
     };
     let [controller, bridge] = ECHO;
     end(controller, "controller", crate::ur_sim::PRIORITY, &["--json", report])?;
-    end(bridge, "bridge", crate::punctual::below_the_loop(config.settings()), &[])
+    end(bridge, "bridge", below_the_loop(config.settings()), &[])
 }
 
 /// Ends both, the one that reports first.
@@ -84,8 +85,8 @@ pub(super) fn fitting(mut source: Source, series: Option<&str>) -> Source {
         *name = if series == "e" { "ur5e" } else { "ur5" }.to_owned();
     }
     let key = "loop.valid_periods";
-    let told = source.overrides.iter().any(|(known, _)| known == key);
-    if told || matches!(source.base, Base::File(_)) { source } else { source.with(key, "12") }
+    let given = source.overrides.iter().any(|(known, _)| known == key);
+    if given || matches!(source.base, Base::File(_)) { source } else { source.with(key, "12") }
 }
 
 #[cfg(test)]
@@ -104,7 +105,7 @@ mod tests {
         let fitted = fitting(Source::preset("ur5"), Some("e"));
         assert!(matches!(&fitted.base, Base::Preset(name) if name == "ur5e"));
         assert_eq!(fitted.overrides, [("loop.valid_periods".to_owned(), "12".to_owned())]);
-        let told = fitting(Source::preset("ur5").with("loop.valid_periods", "20"), None);
-        assert_eq!(told.overrides, [("loop.valid_periods".to_owned(), "20".to_owned())]);
+        let kept = fitting(Source::preset("ur5").with("loop.valid_periods", "20"), None);
+        assert_eq!(kept.overrides, [("loop.valid_periods".to_owned(), "20".to_owned())]);
     }
 }

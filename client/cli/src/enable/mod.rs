@@ -4,25 +4,22 @@
 //! or killed: the arm stops. It outlives the daemon; after a daemon's return the button has to be released
 //! once. It arms nothing, and it is no safety function.
 
-mod device;
 mod rehearsal;
-mod switch;
 
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use foretrace_client::{Claimant, DeadMan, Foretrace, HolderKind, Place};
+use foretrace_client::{Claimant, DaemonChange, DeadMan, Foretrace, HolderKind, Lasting, Place};
+use foretrace_tablet::{Button, ButtonDevice, ButtonIdentity, HoldSwitch, SwitchSignal, list_buttons};
 
-use crate::attach::{Lookout, News, attach_within, unattached};
+use crate::attach::{attach_within, unattached};
 use crate::failure::Failure;
 use crate::interrupt::Interrupt;
 use crate::output::{note, say};
-use crate::place::{TakeOver, handed_over};
 use crate::settings::InstanceArgs;
-use device::{Button, Identity};
-use switch::{Signal, Switch};
+use crate::take_over::{TakeOver, handed_over};
 
-/// How often the button is looked at: a release is told within this time.
+/// How often the button is looked at: a release is reported within this time.
 const LOOK_EVERY: Duration = Duration::from_millis(5);
 /// Between two attempts to find a device that was unplugged.
 const AGAIN: Duration = Duration::from_millis(500);
@@ -76,37 +73,37 @@ pub(crate) fn run(args: &EnableArgs) -> Result<(), Failure> {
     }
     let interrupt = Interrupt::listen()?;
     let button = Button::open(path, name)?;
-    let mut foretrace = attach_within(&args.instance.instance()?, Duration::from_secs_f64(args.wait))?;
+    let foretrace = attach_within(&args.instance.instance()?, Duration::from_secs_f64(args.wait))?;
     let who = Claimant::new(HolderKind::Button, &format!("{}, {}", path.display(), button.name()));
     let dead_man = args.take_over.dead_man(&foretrace, &who).map_err(unattached)?;
     note!("enable: hold {} to let the arm move", button.name());
-    let mut holder = Holder {
-        dead_man: Some(dead_man),
+    let mut button = HeldButton {
+        dead_man: Lasting::new(foretrace, dead_man),
         who,
         identity: button.identity().clone(),
         refused: None,
         button: Some(button),
-        switch: Switch::new(DeadMan::INTERVAL),
+        switch: HoldSwitch::new(DeadMan::INTERVAL),
         next_attempt: Instant::now(),
         shown: None,
     };
-    let (begin, mut lookout) = (Instant::now(), Lookout::new());
+    let begin = Instant::now();
     while !interrupt.is_set() {
-        holder.reopen(path, name);
-        holder.look(begin.elapsed());
-        holder.follow(&mut lookout, &mut foretrace);
-        if let Some(to) = holder.dead_man.as_mut().and_then(DeadMan::handed_to) {
+        button.reopen(path, name);
+        button.look(begin.elapsed());
+        button.follow();
+        if let Some(to) = button.dead_man.handle.as_mut().and_then(DeadMan::handed_to) {
             return Err(handed_over(Place::DeadMan, Some(to)));
         }
         std::thread::sleep(LOOK_EVERY);
     }
-    holder.end();
+    button.end();
     Ok(())
 }
 
 fn list() -> Result<(), Failure> {
-    let (devices, closed) = device::list()?;
-    for device::Listed { path, name, buttons, radio } in &devices {
+    let (devices, closed) = list_buttons()?;
+    for ButtonDevice { path, name, buttons, radio } in &devices {
         let refused = if *radio { ", over Bluetooth: refused, wired only" } else { "" };
         say!("{:<24}{} ({buttons} buttons{refused})", path.display(), foretrace_config::plain(name));
     }
@@ -119,20 +116,20 @@ fn list() -> Result<(), Failure> {
     Ok(())
 }
 
-/// The button, the way to the daemon, and what was last said of them.
-struct Holder {
-    dead_man: Option<DeadMan>,
+/// The button, the way to the daemon, and what was last reported of them.
+struct HeldButton {
+    dead_man: Lasting<DeadMan>,
     who: Claimant,
     button: Option<Button>,
-    identity: Identity,
-    /// Why the device that is there is not taken; told once.
+    identity: ButtonIdentity,
+    /// Why the device that is there is not taken; reported once.
     refused: Option<String>,
-    switch: Switch,
+    switch: HoldSwitch,
     next_attempt: Instant,
     shown: Option<&'static str>,
 }
 
-impl Holder {
+impl HeldButton {
     /// Opens a device that was unplugged.
     fn reopen(&mut self, path: &std::path::Path, name: &str) {
         if self.button.is_none() && Instant::now() >= self.next_attempt {
@@ -140,12 +137,12 @@ impl Holder {
             match Button::open_again(path, name, &self.identity) {
                 Ok(button) => {
                     (self.button, self.refused) = (Some(button), None);
-                    self.switch.begin_anew();
+                    self.switch.begin_again();
                 }
-                // Nothing at the path is what an unplugged device looks like, and told already.
+                // Nothing at the path is what an unplugged device looks like, and reported already.
                 Err(_) if !path.exists() => self.refused = None,
                 Err(error) => {
-                    let words = error.to_string();
+                    let words = format!("foretrace: {error}");
                     if self.refused.as_ref() != Some(&words) {
                         note!("{words}");
                         self.refused = Some(words);
@@ -160,12 +157,12 @@ impl Holder {
         if held.is_none() {
             self.button = None;
         }
-        let sent = match (self.switch.look(now, held), &mut self.dead_man) {
-            (Signal::Beat, Some(dead_man)) => dead_man.beat().is_ok(),
-            (Signal::Stop, Some(dead_man)) => dead_man.stop().is_ok(),
+        let sent = match (self.switch.look(now, held), &mut self.dead_man.handle) {
+            (SwitchSignal::Beat, Some(dead_man)) => dead_man.beat().is_ok(),
+            (SwitchSignal::Stop, Some(dead_man)) => dead_man.stop().is_ok(),
             _ => true,
         };
-        self.show(match (&self.button, &self.dead_man) {
+        self.show(match (&self.button, &self.dead_man.handle) {
             (None, _) => "the device is gone: the arm stops; plug it in",
             (_, None) => "the daemon is gone",
             _ if !sent => "the daemon does not take the signal",
@@ -175,26 +172,21 @@ impl Holder {
         });
     }
 
-    fn follow(&mut self, lookout: &mut Lookout, foretrace: &mut Foretrace) {
-        match lookout.look(foretrace) {
-            News::None => {}
-            News::Gone => self.switch.begin_anew(),
-            News::Back | News::Renewed => {
-                // The old handle holds the place that the new one needs.
-                self.dead_man = None;
-                self.switch.begin_anew();
-                match foretrace.dead_man_as(&self.who) {
-                    Ok(dead_man) => self.dead_man = Some(dead_man),
-                    Err(error) => {
-                        note!("{error}");
-                        lookout.again();
-                    }
-                }
-            }
+    fn follow(&mut self) {
+        let Self { dead_man, who, .. } = self;
+        let open = |foretrace: &Foretrace| foretrace.dead_man_as(who);
+        let (change, mut error) = dead_man.look(open);
+        if change == DaemonChange::Back {
+            error = dead_man.open_again(open);
+        }
+        if let Some(error) = error {
+            note!("{error}");
+        }
+        if change != DaemonChange::None {
+            self.switch.begin_again();
         }
     }
 
-    /// Tells a change.
     fn show(&mut self, state: &'static str) {
         if self.shown != Some(state) {
             self.shown = Some(state);
@@ -203,7 +195,7 @@ impl Holder {
     }
 
     fn end(&mut self) {
-        if let (true, Some(dead_man)) = (self.switch.is_held(), &mut self.dead_man) {
+        if let (true, Some(dead_man)) = (self.switch.is_held(), &mut self.dead_man.handle) {
             // Silence stops as well.
             let _ = dead_man.stop();
         }

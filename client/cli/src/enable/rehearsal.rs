@@ -5,16 +5,17 @@
 
 use std::time::{Duration, Instant};
 
-use foretrace_client::{Claimant, DeadMan, HolderKind, Place, Status, StatusReader, arm_flags};
+use foretrace_client::wire::arm_flags;
+use foretrace_client::{Claimant, DeadMan, HolderKind, Place, Status};
+use foretrace_tablet::{HoldSwitch, SwitchSignal};
 
 use super::EnableArgs;
-use super::switch::{Signal, Switch};
 use crate::attach::{attach_within, unattached};
 use crate::failure::Failure;
 use crate::interrupt::Interrupt;
 use crate::output::note;
-use crate::place::handed_over;
-use crate::terminal::Keys;
+use crate::take_over::handed_over;
+use crate::terminal::TypedKeys;
 
 /// Longer than terminals wait before they repeat a key that is held.
 const HELD: Duration = Duration::from_millis(700);
@@ -30,7 +31,7 @@ pub(super) fn run(args: &EnableArgs) -> Result<(), Failure> {
         .next_within(PATIENCE)
         .ok_or_else(|| Failure::failed("the daemon reports no status", "see `foretrace doctor`"))?;
     simulated(&status)?;
-    let mut keys = Keys::listen()
+    let mut keys = TypedKeys::listen()
         .ok_or_else(|| Failure::usage("stdin is no terminal, which has the key", "start it in a terminal"))?;
     let who = Claimant::new(HolderKind::Button, "a key of a terminal, to rehearse");
     let mut dead_man = args.take_over.dead_man(&foretrace, &who).map_err(unattached)?;
@@ -39,7 +40,7 @@ pub(super) fn run(args: &EnableArgs) -> Result<(), Failure> {
          the release",
         HELD.as_secs_f64()
     );
-    let (mut switch, mut shown, mut pressed) = (Switch::new(DeadMan::INTERVAL), None, None);
+    let (mut switch, mut shown, mut pressed) = (HoldSwitch::new(DeadMan::INTERVAL), None, None);
     let begin = Instant::now();
     // What was typed before is no wish to move.
     let _ = keys.pressed();
@@ -50,15 +51,15 @@ pub(super) fn run(args: &EnableArgs) -> Result<(), Failure> {
         }
         let held = pressed.is_some_and(|since: Instant| since.elapsed() < HELD);
         let sent = match switch.look(begin.elapsed(), Some(held)) {
-            Signal::Beat => dead_man.beat(),
-            Signal::Stop => dead_man.stop(),
+            SwitchSignal::Beat => dead_man.beat(),
+            SwitchSignal::Stop => dead_man.stop(),
             _ => Ok(()),
         };
         if let Some(to) = dead_man.handed_to() {
             return Err(handed_over(Place::DeadMan, Some(to)));
         }
         sent.map_err(|error| Failure::failed(error, "start it again once the daemon runs"))?;
-        newest(&mut reader).map_or(Ok(()), |status| simulated(&status))?;
+        reader.latest().map_or(Ok(()), simulated)?;
         let words = if switch.is_held() { "held" } else { "released" };
         if shown.replace(words) != Some(words) {
             note!("enable: {words}");
@@ -67,10 +68,6 @@ pub(super) fn run(args: &EnableArgs) -> Result<(), Failure> {
     }
     let _ = dead_man.stop();
     Ok(())
-}
-
-fn newest(reader: &mut StatusReader) -> Option<Status> {
-    reader.latest().copied()
 }
 
 /// Only an arm whose process says so may be moved by a key of a terminal.
@@ -89,7 +86,7 @@ fn simulated(status: &Status) -> Result<(), Failure> {
 
 #[cfg(test)]
 mod tests {
-    use foretrace_client::ArmLine;
+    use foretrace_client::wire::ArmLine;
 
     use super::*;
 

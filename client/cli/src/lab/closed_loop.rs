@@ -1,26 +1,24 @@
 //! `foretrace lab closed-loop`: the benchmark of predictors and baselines in closed loop with simulated arms.
 
-mod pictures;
 mod trial;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use foretrace_config::Config;
 use foretrace_lab::closed_loop::{
-    BenchArm, Benchmark, Flaws, Hand, Outcome, ParetoPoint, Rival, Row, hand_of_text, hands,
+    BenchArm, Benchmark, Flaws, HandOptions, HandsOfArms, MethodOutcome, ParetoPoint, Rival, hands_of_set,
+    hands_of_texts, pictures, table_lines,
 };
-use foretrace_sim::data::{DataSet, Split, median_glyph_height};
+use foretrace_sim::data::Split;
 use foretrace_sim::path::Lift;
 use serde_json::json;
 
-use super::progress::Progress;
+use super::progress::StepProgress;
+use super::say_picture;
 use crate::arm::options::JointArgs;
 use crate::failure::Failure;
-use crate::output::{JsonArgs, note, say};
+use crate::output::{JsonArgs, note, say, say_lines, tell};
 use crate::settings::SettingsArgs;
-
-/// The hands to write, on the paper of each arm.
-type HandsOfArms = Vec<(BenchArm, Vec<Hand>)>;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct ClosedLoopArgs {
@@ -108,21 +106,21 @@ pub(super) fn run(args: &ClosedLoopArgs) -> Result<(), Failure> {
     if args.pareto {
         return pareto(args, &title, &benchmark);
     }
-    let progress = Progress::of("lab closed-loop", benchmark.jobs());
+    let progress = StepProgress::of("lab closed-loop", benchmark.jobs());
     let outcomes = benchmark.run(|| progress.step()).map_err(|error| Failure::failed(error, ""))?;
     drop(progress);
-    let rows = Outcome::table(&outcomes);
+    let rows = MethodOutcome::table(&outcomes);
     if rows.is_empty() {
         return Err(nothing(&title));
     }
     let sequences = rows.iter().map(|row| row.sequences).max().unwrap_or(0);
     say!("{title}: {sequences} sequences\n");
-    print(&rows);
+    say_lines(table_lines(&rows));
     let heading = format!("{title}, {sequences} sequences");
     folder(args)?;
     say!("");
-    pictures::distributions(&args.out, &heading, &outcomes)?;
-    pictures::letters(&args.out, &heading, &benchmark, &outcomes)?;
+    say_picture(&pictures::distributions(&args.out, &heading, &outcomes)?);
+    pictures::letters(&args.out, &heading, &benchmark, &outcomes)?.iter().for_each(|file| say_picture(file));
     let mut result = json!({ "set": title, "lifts": args.lifts, "rows": rows });
     if args.each {
         result["sequences"] = json!(benchmark.each(&outcomes).collect::<Vec<_>>());
@@ -134,7 +132,7 @@ fn pareto(args: &ClosedLoopArgs, title: &str, benchmark: &Benchmark<'_>) -> Resu
     for refused in benchmark.pareto_refused() {
         note!("lab: left out: {refused}");
     }
-    let progress = Progress::of("lab closed-loop", benchmark.pareto_jobs());
+    let progress = StepProgress::of("lab closed-loop", benchmark.pareto_jobs());
     let points = benchmark.pareto(|| progress.step()).map_err(|error| Failure::failed(error, ""))?;
     drop(progress);
     if points.is_empty() {
@@ -147,7 +145,7 @@ fn pareto(args: &ClosedLoopArgs, title: &str, benchmark: &Benchmark<'_>) -> Resu
     }
     folder(args)?;
     say!("");
-    pictures::pareto(&args.out, title, &points)?;
+    say_picture(&pictures::pareto(&args.out, title, &points)?);
     args.json.write(&json!({ "set": title, "lifts": args.lifts, "pareto": points }))
 }
 
@@ -162,44 +160,6 @@ fn folder(args: &ClosedLoopArgs) -> Result<(), Failure> {
     })
 }
 
-struct Set {
-    scored: DataSet,
-    title: String,
-    median_height: f64,
-}
-
-impl Set {
-    /// The part to be written, and the one scale: the median glyph of the train part, or of all files without
-    /// one.
-    fn load(args: &ClosedLoopArgs, folder: &Path) -> Result<Self, Failure> {
-        let wrong = |error: &dyn std::fmt::Display| {
-            Failure::bad_input(error, "give a data-set folder (--data) and a part of it (--split)")
-        };
-        let words = DataSet::splits(folder).map_err(|error| wrong(&error))?;
-        let has = |wanted: &str| words.iter().any(|word| word == wanted);
-        let named = |word: &str| word.parse::<Split>().map_err(|error| wrong(&error));
-        let split = match &args.split {
-            Some(split) => split.clone(),
-            None if has("test") => Split::test(),
-            None => Split::All,
-        };
-        let scored = DataSet::load(folder, &split, args.strict).map_err(|error| wrong(&error))?;
-        for error in &scored.errors {
-            note!("lab: left out: {error}");
-        }
-        let scale_by = if has("train") { named("train")? } else { Split::All };
-        let scale = DataSet::load(folder, &scale_by, args.strict).map_err(|error| wrong(&error))?;
-        let median_height = median_glyph_height(scale.characters()).ok_or_else(|| {
-            wrong(&format_args!("{}: no glyph with a height to scale by", folder.display()))
-        })?;
-        let title = match &split {
-            Split::All => scored.name.clone(),
-            part => format!("{} ({part})", scored.name),
-        };
-        Ok(Self { scored, title, median_height })
-    }
-}
-
 /// What every arm writes, and its name.
 fn written(
     args: &ClosedLoopArgs,
@@ -207,44 +167,16 @@ fn written(
     config: &Config,
 ) -> Result<(String, HandsOfArms), Failure> {
     let Some(folder) = &args.data else {
-        let texts = |arm| {
-            let styles = (1..).zip(&args.text);
-            let hand = |(style, text): (u64, &String)| {
-                hand_of_text(text, style, arm, config).map_err(|error| {
-                    Failure::bad_input(format_args!("--text {text:?}: {error}"), "give another text")
-                })
-            };
-            Ok((arm, styles.map(hand).collect::<Result<Vec<_>, Failure>>()?))
-        };
-        return Ok(("built-in writer".to_owned(), arms.into_iter().map(texts).collect::<Result<_, _>>()?));
+        return Ok(("built-in writer".to_owned(), hands_of_texts(&args.text, arms, config)?));
     };
-    let set = Set::load(args, folder)?;
-    let lift = if args.lifts == "travel" { Lift::Travel } else { Lift::Leap };
-    let placed = |arm| {
-        let mut hands = placed(&set, arm, config, lift, args.limit)?;
-        hands.truncate(args.hands.unwrap_or(usize::MAX));
-        Ok((arm, hands))
+    let options = HandOptions {
+        split: args.split.clone(),
+        strict: args.strict,
+        lift: if args.lifts == "travel" { Lift::Travel } else { Lift::Leap },
+        sequences: args.limit,
+        hands: args.hands,
     };
-    let arms = arms.into_iter().map(placed).collect::<Result<_, Failure>>()?;
-    Ok((set.title, arms))
-}
-
-fn placed(
-    set: &Set,
-    arm: BenchArm,
-    config: &Config,
-    lift: Lift,
-    limit: Option<usize>,
-) -> Result<Vec<Hand>, Failure> {
-    let (mut hands, left_out) = hands(&set.scored, set.median_height, arm, config, lift)
-        .map_err(|error| Failure::bad_input(error, "give a set whose rate and heights are positive"))?;
-    if left_out > 0 {
-        note!("lab: {left_out} sequences do not fit the paper of {} and are left out", arm.name());
-    }
-    for hand in &mut hands {
-        hand.sequences.truncate(limit.unwrap_or(usize::MAX));
-    }
-    Ok(hands)
+    hands_of_set(folder, &options, arms, config, &tell)
 }
 
 fn rivals(names: &[String], pareto: bool) -> Result<Vec<Rival>, Failure> {
@@ -269,48 +201,4 @@ fn arms(names: &[String]) -> Result<Vec<BenchArm>, Failure> {
         })
     };
     names.iter().map(named).collect()
-}
-
-fn print(rows: &[Row]) {
-    let optional = |value: Option<f64>, factor: f64, digits: usize| {
-        value.map_or_else(|| "-".to_owned(), |value| format!("{:.digits$}", value * factor))
-    };
-    say!(
-        "{:<18} {:<8} {:>10} {:>8} {:>10} {:>10} {:>10} {:>8} {:>8} {:>9} {:>6} {:>9} {:>7} {:>8}",
-        "predictor",
-        "arm",
-        "mse m²",
-        "of hold",
-        "median",
-        "pen down",
-        "leaps",
-        "max mm",
-        "lag ms",
-        "rms jerk",
-        "sat %",
-        "illegal %",
-        "worse %",
-        "worst mm"
-    );
-    for row in rows {
-        let hold = rows.iter().find(|other| other.arm == row.arm && other.predictor == Rival::HOLD.name());
-        say!(
-            "{:<18} {:<8} {:>10.3e} {:>8} {:>10.3e} {:>10.3e} {:>10} {:>8.1} {:>8.1} {:>9.1} {:>6.1} {:>9.1} \
-             {:>7} {:>8}",
-            row.predictor,
-            row.arm,
-            row.mse_m2,
-            optional(hold.map(|hold| row.mse_m2 / hold.mse_m2), 1.0, 3),
-            row.median_mse_m2,
-            row.pen_down_mse_m2,
-            row.leap_mse_m2.map_or_else(|| "-".to_owned(), |mse| format!("{mse:.2e}")),
-            row.max_m * 1e3,
-            row.lag_ms,
-            row.rms_jerk,
-            row.saturated_pct,
-            row.illegal_pct,
-            optional(row.worse_than_hold_pct, 1.0, 2),
-            optional(row.worst_beyond_hold_m, 1e3, 2),
-        );
-    }
 }

@@ -2,12 +2,12 @@
 
 use std::path::PathBuf;
 
-use foretrace_lab::prediction::Model;
+use foretrace_lab::prediction::{self, Model};
 use foretrace_sim::data::Split;
 
 use super::table;
 use crate::failure::Failure;
-use crate::output::JsonArgs;
+use crate::output::{JsonArgs, say_lines};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct EvaluateArgs {
@@ -57,6 +57,6 @@ pub(super) fn run(args: &EvaluateArgs) -> Result<(), Failure> {
     }
     let set = table::load(&args.data, &args.split, args.cold, args.strict)?;
     let scored = table::scored(&models, &set)?;
-    table::print(&set, &scored);
-    args.json.write(&table::json(&set, &scored))
+    say_lines(prediction::table::lines(&set, &scored));
+    args.json.write(&prediction::table::json(&set, &scored))
 }

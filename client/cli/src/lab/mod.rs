@@ -12,18 +12,19 @@ mod leadtime;
 mod pictures;
 mod progress;
 
-use std::path::PathBuf;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
 
 use foretrace_config::Config;
 use foretrace_lab::experiments::{Labels, Letter, letters};
 use foretrace_sim::data::{DataSet, Split};
 use foretrace_sim::path::{Anchor, Layout, Placement};
+use foretrace_sim::source::Workspace;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
 
 use crate::failure::{Cause, Failure};
-use crate::output::{JsonArgs, note};
-use crate::play::source::Workspace;
+use crate::output::{JsonArgs, note, say};
 use crate::settings::SettingsArgs;
 
 /// `foretrace lab ...`
@@ -99,7 +100,7 @@ pub(crate) struct LabArgs {
     limit: Option<usize>,
 
     /// Height of a median letter in the pen's plane [m]
-    #[arg(long, value_name = "M", default_value_t = 0.03, value_parser = crate::play::source::positive)]
+    #[arg(long, value_name = "M", default_value_t = 0.03, value_parser = crate::values::positive)]
     height: f64,
 
     /// Folder for the pictures
@@ -119,8 +120,8 @@ pub(crate) fn run(command: &LabCommand) -> Result<(), Failure> {
         ends_at_once()?;
     }
     match command {
-        LabCommand::Fig2(args) => Session::prepare(&args.lab)?.fig2(args),
-        LabCommand::Fig3(args) => Session::prepare(&args.lab)?.fig3(args),
+        LabCommand::Fig2(args) => Experiment::prepare(&args.lab)?.fig2(args),
+        LabCommand::Fig3(args) => Experiment::prepare(&args.lab)?.fig3(args),
         LabCommand::ClosedLoop(args) => closed_loop::run(args),
         LabCommand::Table1(args) => table1::run(args),
         LabCommand::Evaluate(args) => evaluate::run(args),
@@ -152,6 +153,19 @@ fn ends_at_once() -> Result<(), Failure> {
     Ok(())
 }
 
+/// Says which picture was made.
+fn say_picture(file: &Path) {
+    say!("picture  {}", file.display());
+}
+
+/// Writes a text whole, or not at all.
+fn write_text(file: &Path, text: &str) -> Result<(), Failure> {
+    foretrace_sim::whole::write(file, |out| out.write_all(text.as_bytes())).map_err(|error| {
+        let what = format!("{} cannot be written: {error}", file.display());
+        Failure::failed(what, "choose a file in an existing folder with room that you may write to")
+    })
+}
+
 /// How many of something, at least one.
 fn count(text: &str) -> Result<usize, String> {
     let count = text.parse().ok().filter(|count| *count >= 1);
@@ -159,14 +173,14 @@ fn count(text: &str) -> Result<usize, String> {
 }
 
 /// Settings and letters of an experiment.
-struct Session {
+struct Experiment {
     config: Config,
     letters: Vec<Letter>,
     /// Name of the set and what was chosen from it.
     title: String,
 }
 
-impl Session {
+impl Experiment {
     fn prepare(args: &LabArgs) -> Result<Self, Failure> {
         args.json.claim_beside(&args.out)?;
         let config = args.settings.load()?;

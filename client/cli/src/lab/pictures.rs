@@ -1,17 +1,18 @@
 //! `foretrace lab pictures`: makes every picture of the documents, each by a command that a reader can type.
 //!
-//! Contract: the table below is the only place that says which picture comes from what. A picture that cannot
+//! Contract: the table below is the only list that says which picture comes from what. A picture that cannot
 //! be made here is named with its command and left as it is; one that can is written whole or not at all.
 
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
 use clap::Parser;
-use foretrace_sim::plot::page::Picture;
+use foretrace_sim::plot::Picture;
 
-use crate::failure::{Cause, Failure};
+use crate::demo::{DemoPlan, scratch::Scratch};
+use crate::failure::Failure;
 use crate::output::{note, say};
-use crate::{Arguments, Command, demo};
+use crate::{CommandLine, ProgramCommand};
 
 /// What the demo's pictures are called in the documents.
 const OF_THE_DEMO: [&str; 4] = ["path.svg", "error.svg", "lag.svg", "times.svg"];
@@ -64,8 +65,7 @@ pub(super) fn run(args: &PicturesArgs) -> Result<(), Failure> {
     let known = || OF_THE_DEMO.iter().chain(OF_RECORDINGS.iter().map(|(file, ..)| file));
     if let Some(unknown) = args.only.iter().find(|wanted| !known().any(|file| file == wanted)) {
         let names: Vec<&str> = known().copied().collect();
-        return Err(Failure::new(
-            Cause::Usage,
+        return Err(Failure::usage(
             format_args!("no picture of the documents is called {unknown:?}"),
             format_args!("choose from {} (--only)", names.join(", ")),
         ));
@@ -81,7 +81,7 @@ pub(super) fn run(args: &PicturesArgs) -> Result<(), Failure> {
         of_the_demo(&args.out, wanted)?;
     }
     for (file, sets, line, made) in OF_RECORDINGS.into_iter().filter(|(file, ..)| wanted(file)) {
-        match args.recordings.as_deref().map(|folder| places(folder, sets)) {
+        match args.recordings.as_deref().map(|folder| folders(folder, sets)) {
             Some(Ok(data)) => of_recordings(&args.out, file, &line.replace("{}", &data), made)?,
             Some(Err(missing)) => skipped(file, &format!("there is no {}", missing.display()), line, sets),
             None => skipped(file, "it needs recordings, --recordings says where", line, sets),
@@ -92,10 +92,10 @@ pub(super) fn run(args: &PicturesArgs) -> Result<(), Failure> {
 
 /// The pictures of one run of the demo, the same as in its report.
 fn of_the_demo(out: &Path, wanted: impl Fn(&str) -> bool) -> Result<(), Failure> {
-    let Arguments { command: Command::Demo(args) } = arguments("demo")? else {
+    let CommandLine { command: ProgramCommand::Demo(args) } = arguments("demo")? else {
         return Err(failed("demo is not the demo"));
     };
-    let (_, drawings, _) = demo::Stage::set(&args)?.performed(&args)?;
+    let drawings = DemoPlan::of(&args)?.performed(&args)?.drawings;
     for (file, picture) in
         OF_THE_DEMO.iter().zip([drawings.path, drawings.error, drawings.lag, drawings.times])
     {
@@ -111,7 +111,7 @@ fn of_the_demo(out: &Path, wanted: impl Fn(&str) -> bool) -> Result<(), Failure>
 
 /// Runs a command of the lab and takes its picture.
 fn of_recordings(out: &Path, file: &str, line: &str, made: &str) -> Result<(), Failure> {
-    let scratch = demo::Scratch::create()?;
+    let scratch = Scratch::create()?;
     let folder = scratch.file("pictures");
     std::fs::create_dir_all(&folder).map_err(failed)?;
     say!("{file}\n  foretrace lab {line}");
@@ -121,20 +121,20 @@ fn of_recordings(out: &Path, file: &str, line: &str, made: &str) -> Result<(), F
         .map_err(failed)
 }
 
-fn arguments(line: &str) -> Result<Arguments, Failure> {
+fn arguments(line: &str) -> Result<CommandLine, Failure> {
     let words = line.split_whitespace();
-    Arguments::try_parse_from(std::iter::once("foretrace").chain(words)).map_err(failed)
+    CommandLine::try_parse_from(std::iter::once("foretrace").chain(words)).map_err(failed)
 }
 
 /// The sets' folders as one argument, or the first that is not there.
-fn places(folder: &Path, sets: &str) -> Result<String, PathBuf> {
+fn folders(folder: &Path, sets: &str) -> Result<String, PathBuf> {
     let mut found = Vec::new();
     for set in sets.split(',') {
-        let place = folder.join(set);
-        if !place.is_dir() {
-            return Err(place);
+        let path = folder.join(set);
+        if !path.is_dir() {
+            return Err(path);
         }
-        found.push(place.display().to_string());
+        found.push(path.display().to_string());
     }
     Ok(found.join(","))
 }
@@ -172,7 +172,7 @@ mod tests {
         }
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
         let documents: Vec<String> =
-            crate::documented::documents().into_iter().map(|(_, text)| text).collect();
+            crate::documented_tests::documents().into_iter().map(|(_, text)| text).collect();
         let mut files: Vec<String> = std::fs::read_dir(root.join("docs/pictures"))
             .unwrap()
             .map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned())

@@ -1,10 +1,9 @@
-//! Progress of a long command and the time left: always on stderr, never in the result.
+//! StepProgress of a long command and the time left: always on stderr, never in the result.
 //!
 //! Contract: a bar in place on a terminal, else a line every ten seconds, also while a single step lasts
 //! longer. Steps may come from any thread. Prints nothing for a command that ends within ten seconds, and
 //! nothing after the end.
 
-use std::fmt::Arguments;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::{self, RecvTimeoutError, Sender};
@@ -13,7 +12,7 @@ use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
 
-use crate::output::{may_draw, note, note_line};
+use crate::output::{may_draw, note};
 
 /// Time between two lines without a terminal.
 const EVERY: Duration = Duration::from_secs(10);
@@ -22,16 +21,16 @@ const TICK: Duration = Duration::from_millis(500);
 
 /// Steps of a long command, shown until it is dropped.
 #[derive(Debug)]
-pub(crate) enum Progress {
+pub(crate) enum StepProgress {
     Bar(ProgressBar),
-    Lines(Lines),
+    Lines(ProgressLines),
 }
 
-impl Progress {
+impl StepProgress {
     /// `steps` steps of `what`, all of about the same length.
     pub(crate) fn of(what: &'static str, steps: usize) -> Self {
         if !may_draw() {
-            return Self::Lines(Lines::begin(steps, EVERY, move |words| note!("{what}: {words}")));
+            return Self::Lines(ProgressLines::begin(steps, EVERY, move |words| note!("{what}: {words}")));
         }
         let bar = ProgressBar::new(steps as u64).with_prefix(what);
         let style = ProgressStyle::with_template("{prefix} [{wide_bar}] {percent} %, {eta} left");
@@ -49,31 +48,9 @@ impl Progress {
             }
         }
     }
-
-    /// `count` steps were done before.
-    pub(crate) fn skip(&self, count: usize) {
-        match self {
-            Self::Bar(bar) => {
-                bar.inc(count as u64);
-                bar.reset_eta();
-            }
-            Self::Lines(lines) => {
-                lines.done.fetch_add(count, Ordering::Relaxed);
-                lines.before.fetch_add(count, Ordering::Relaxed);
-            }
-        }
-    }
-
-    /// A line on stderr that the bar makes room for.
-    pub(crate) fn note(&self, line: Arguments<'_>) {
-        match self {
-            Self::Bar(bar) => bar.suspend(|| note_line(line)),
-            Self::Lines(_) => note_line(line),
-        }
-    }
 }
 
-impl Drop for Progress {
+impl Drop for StepProgress {
     fn drop(&mut self) {
         if let Self::Bar(bar) = self {
             bar.finish_and_clear();
@@ -83,38 +60,46 @@ impl Drop for Progress {
 
 /// A thread that prints the progress from time to time.
 #[derive(Debug)]
-pub(crate) struct Lines {
+pub(crate) struct ProgressLines {
     done: Arc<AtomicUsize>,
     /// Steps of an earlier run, which do not count for the speed of this one.
     before: Arc<AtomicUsize>,
     end: Option<Sender<()>>,
-    teller: Option<JoinHandle<()>>,
+    reporter: Option<JoinHandle<()>>,
 }
 
-impl Lines {
+impl ProgressLines {
     fn begin(steps: usize, every: Duration, tell: impl Fn(&str) + Send + 'static) -> Self {
         let (done, before) = (Arc::new(AtomicUsize::new(0)), Arc::new(AtomicUsize::new(0)));
         let (counted, skipped) = (done.clone(), before.clone());
         let (end, ended) = mpsc::channel();
         let since = Instant::now();
-        let told = move || {
+        let reports = move || {
             while ended.recv_timeout(every) == Err(RecvTimeoutError::Timeout) {
                 let (done, before) = (counted.load(Ordering::Relaxed), skipped.load(Ordering::Relaxed));
                 tell(&words(done, before, steps, since.elapsed()));
             }
         };
         // Without the thread the command works, but is silent.
-        let teller = std::thread::Builder::new().name("foretrace-tells".to_owned()).spawn(told).ok();
-        Self { done, before, end: Some(end), teller }
+        let reporter = std::thread::Builder::new().name("foretrace-tells".to_owned()).spawn(reports).ok();
+        Self { done, before, end: Some(end), reporter }
     }
 }
 
-impl Drop for Lines {
+impl ProgressLines {
+    /// `count` steps were done before.
+    pub(crate) fn skip(&self, count: usize) {
+        self.done.fetch_add(count, Ordering::Relaxed);
+        self.before.fetch_add(count, Ordering::Relaxed);
+    }
+}
+
+impl Drop for ProgressLines {
     fn drop(&mut self) {
         drop(self.end.take());
-        if let Some(teller) = self.teller.take() {
+        if let Some(reporter) = self.reporter.take() {
             // A failed thread has nothing more to print.
-            let _ = teller.join();
+            let _ = reporter.join();
         }
     }
 }
@@ -157,22 +142,22 @@ mod tests {
 
     #[test]
     fn a_step_that_takes_long_is_told_too_and_the_end_ends_the_lines() {
-        let told = Arc::new(Mutex::new(Vec::new()));
-        let kept = told.clone();
+        let reports = Arc::new(Mutex::new(Vec::new()));
+        let kept = reports.clone();
         let tell = move |words: &str| kept.lock().unwrap().push(words.to_owned());
-        let lines = Progress::Lines(Lines::begin(4, Duration::from_millis(2), tell));
+        let lines = StepProgress::Lines(ProgressLines::begin(4, Duration::from_millis(2), tell));
         let many = |count: usize| {
-            while told.lock().unwrap().len() < count {
+            while reports.lock().unwrap().len() < count {
                 std::thread::sleep(Duration::from_millis(1));
             }
         };
         many(2);
         lines.step();
-        let before = told.lock().unwrap().len();
+        let before = reports.lock().unwrap().len();
         many(before + 2);
         drop(lines);
-        let told = told.lock().unwrap();
-        assert!(told[0].starts_with("0 % done"), "{told:?}");
-        assert!(told.last().unwrap().starts_with("25 % done"), "{told:?}");
+        let reports = reports.lock().unwrap();
+        assert!(reports[0].starts_with("0 % done"), "{reports:?}");
+        assert!(reports.last().unwrap().starts_with("25 % done"), "{reports:?}");
     }
 }

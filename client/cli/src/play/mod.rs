@@ -6,7 +6,7 @@
 
 mod piped;
 pub(crate) mod source;
-mod way;
+mod route;
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -15,17 +15,17 @@ use foretrace_client::{Claimant, HolderKind, PenReading, monotonic_now_ns};
 use foretrace_config::Config;
 use foretrace_sim::data::write_csv;
 use foretrace_sim::path::{PathSample, PenPath};
+use foretraced::rt::os::sleep_until_ns;
 use serde::Serialize;
 
 use crate::attach::instance_of;
 use crate::failure::Failure;
 use crate::interrupt::Interrupt;
-use crate::os;
 use crate::output::{JsonArgs, note, say};
-use crate::place::TakeOver;
 use crate::settings::SettingsArgs;
+use crate::take_over::TakeOver;
+use route::{PenRoute, SendOutcome};
 use source::PathArgs;
-use way::{Sent, Way};
 
 /// Time before the pen writes, for the loop to get ready.
 const LEAD_NS: u64 = 50_000_000;
@@ -106,7 +106,7 @@ pub(crate) fn run(args: &PlayArgs) -> Result<(), Failure> {
     if args.sources == ["-"] {
         return piped(args, &config, &interrupt);
     }
-    let source = source::load(&args.sources, &args.path, config.settings())?;
+    let source = args.path.load(&args.sources, config.settings())?;
     for what in &source.notes {
         note!("play: {what}");
     }
@@ -131,7 +131,7 @@ pub(crate) fn run(args: &PlayArgs) -> Result<(), Failure> {
             break;
         }
         player.send(due, &sample)?;
-        player.way.look();
+        player.route.look();
         player.report.seconds = after_s;
     }
     player.finish(args, &interrupt)
@@ -151,7 +151,7 @@ fn piped(args: &PlayArgs, config: &Config, interrupt: &Interrupt) -> Result<(), 
 }
 
 struct Player {
-    way: Way,
+    route: PenRoute,
     report: PlayReport,
     sent: Option<Vec<PathSample>>,
     /// What the loop did not take yet is lost with the player: one that was held up for longer has latched a
@@ -161,17 +161,17 @@ struct Player {
 
 impl Player {
     fn of(args: &PlayArgs, config: &Config) -> Result<Self, Failure> {
-        let way = match &args.gateway {
-            Some(path) => Way::gateway(path)?,
+        let route = match &args.gateway {
+            Some(path) => PenRoute::gateway(path)?,
             None => {
                 let wait = Duration::from_secs_f64(args.wait);
                 let who = Claimant::new(HolderKind::Player, &args.sources.join(" "));
-                Way::shared(&instance_of(config.settings())?, wait, who, args.take_over)?
+                PenRoute::shared(&instance_of(config.settings())?, wait, who, args.take_over)?
             }
         };
         let sent = args.record.is_some().then(Vec::new);
         let lingers_ns = (config.settings().safety.latch_after_ms * 1e6) as u64;
-        Ok(Self { way, report: PlayReport::default(), sent, lingers_ns })
+        Ok(Self { route, report: PlayReport::default(), sent, lingers_ns })
     }
 
     /// Lets the loop take what was sent, writes what was asked for, and tells how it went.
@@ -184,7 +184,7 @@ impl Player {
                 Failure::failed(format_args!("{}: {error}", file.display()), "give a writable --record FILE")
             })?;
         }
-        if let Some(words) = self.way.finish() {
+        if let Some(words) = self.route.finish() {
             note!("play: {words}");
         }
         let report = self.report;
@@ -205,13 +205,13 @@ impl Player {
             x_m: sample.x_m,
             y_m: sample.y_m,
             contact: sample.contact,
-            more_flags: foretrace_client::pen_flags::IN_RANGE,
+            more_flags: foretrace_client::wire::pen_flags::IN_RANGE,
             ..PenReading::default()
         };
-        match self.way.send(reading)? {
-            Sent::Heard => {}
-            Sent::Unheard => self.report.unheard += 1,
-            Sent::Failed(error) => {
+        match self.route.send(reading)? {
+            SendOutcome::Heard => {}
+            SendOutcome::Unheard => self.report.unheard += 1,
+            SendOutcome::Failed(error) => {
                 if self.report.failed == 0 {
                     note!("play: {error}");
                 }
@@ -228,7 +228,7 @@ impl Player {
     }
 }
 
-/// Sleeps in short pieces; false when the program shall end.
+/// Sleeps in short naps; false when the program shall end.
 fn slept_until(due: u64, interrupt: &Interrupt) -> bool {
     loop {
         if interrupt.is_set() {
@@ -238,6 +238,6 @@ fn slept_until(due: u64, interrupt: &Interrupt) -> bool {
         if now >= due {
             return true;
         }
-        os::sleep_until(due.min(now + NAP_NS));
+        sleep_until_ns(due.min(now + NAP_NS));
     }
 }

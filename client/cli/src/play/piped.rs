@@ -1,7 +1,7 @@
 //! Samples from a pipe: one per line, sent when it arrives.
 //!
 //! Contract: a line is `x_m,y_m,contact`, by commas or blanks, in metres of the pen's plane, contact 0 or 1;
-//! its stamp is when it was read. A line that is none is counted and told once. Ends with the pipe.
+//! its stamp is when it was read. A line that is none is counted and reported once. Ends with the pipe.
 
 use std::fs::File;
 use std::io::{self, Read};
@@ -24,7 +24,7 @@ pub(super) fn run(player: &mut Player, seconds: Option<f64>, interrupt: &Interru
     let unreadable =
         |error: io::Error| Failure::failed(format_args!("stdin: {error}"), "give samples by a pipe");
     let mut input = File::from(io::stdin().as_fd().try_clone_to_owned().map_err(unreadable)?);
-    let (begin, mut lines) = (monotonic_now_ns(), Lines::default());
+    let (begin, mut lines) = (monotonic_now_ns(), PipedLines::default());
     let mut buffer = [0; 4096];
     loop {
         let elapsed_s = monotonic_now_ns().saturating_sub(begin) as f64 * 1e-9;
@@ -34,21 +34,21 @@ pub(super) fn run(player: &mut Player, seconds: Option<f64>, interrupt: &Interru
         let mut looked = [PollFd::new(&input, PollFlags::IN)];
         let patience = Timespec { tv_sec: 0, tv_nsec: 50_000_000 };
         if !poll(&mut looked, Some(&patience)).is_ok_and(|ready| ready > 0) {
-            player.way.look();
+            player.route.look();
             continue;
         }
         let read = input.read(&mut buffer).map_err(unreadable)?;
         // The last line need not have an end.
-        let piece =
+        let chunk =
             if read == 0 && lines.has_begun() { b"\n" } else { buffer.get(..read).unwrap_or_default() };
-        for line in lines.take(piece) {
+        for line in lines.take(chunk) {
             player.report.seconds = monotonic_now_ns().saturating_sub(begin) as f64 * 1e-9;
             player.take_line(line)?;
         }
         if read == 0 {
             break;
         }
-        player.way.look();
+        player.route.look();
     }
     Ok(())
 }
@@ -76,24 +76,24 @@ impl Player {
     }
 }
 
-/// Whole lines of what comes in pieces.
+/// Whole lines of what comes in chunks.
 #[derive(Default)]
-struct Lines {
+struct PipedLines {
     begun: Vec<u8>,
     /// The line that has begun is too long: what comes up to its end belongs to it.
     overlong: bool,
     count: u64,
 }
 
-impl Lines {
+impl PipedLines {
     fn has_begun(&self) -> bool {
         self.overlong || !self.begun.is_empty()
     }
 
-    /// The lines that end in `piece`, with their numbers; of one that is too long only that.
-    fn take(&mut self, piece: &[u8]) -> Vec<Result<(u64, String), u64>> {
+    /// The lines that end in `chunk`, with their numbers; of one that is too long only that.
+    fn take(&mut self, chunk: &[u8]) -> Vec<Result<(u64, String), u64>> {
         let mut lines = Vec::new();
-        for byte in piece {
+        for byte in chunk {
             if *byte != b'\n' {
                 self.overlong |= self.begun.len() >= LONGEST;
                 if !self.overlong {
@@ -142,7 +142,7 @@ mod tests {
 
     #[test]
     fn lines_come_whole_from_pieces_and_overlong_ones_are_told() {
-        let mut lines = Lines::default();
+        let mut lines = PipedLines::default();
         assert_eq!(lines.take(b"a\nb"), [Ok((1, "a".to_owned()))]);
         assert_eq!(lines.take(b"c\n\n"), [Ok((2, "bc".to_owned())), Ok((3, String::new()))]);
         assert_eq!(lines.take(&[b'x'; 1000]), []);

@@ -6,21 +6,18 @@
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use foretrace_client::Instance;
-use foretrace_live::recorder::{Counts, Options, Recorder, unix_minus_monotonic};
-use foretrace_live::source::{Source, Wants};
+use foretrace_live::record_button::facts;
+use foretrace_live::recorder::{Recorder, RecorderOptions, RecordingCounts};
+use foretrace_live::source::{LiveSource, Wants};
 use foretrace_record::repair::mend_leftovers;
-use foretrace_record::write::Facts;
-use foretrace_shm::{Status, TickInput, TickRecord, Wire, monotonic_now_ns};
 use serde::Serialize;
 
 use super::{RecordArgs, unrecorded};
-use crate::attach::news;
 use crate::failure::Failure;
 use crate::interrupt::Interrupt;
 use crate::output::{note, say};
 
-/// Between two looks: pieces of a state wait for a quarter of a second at most.
+/// Between two looks: chunks of a state wait for a quarter of a second at most.
 const NAP: Duration = Duration::from_millis(4);
 
 /// The result; keys are stable.
@@ -28,26 +25,22 @@ const NAP: Duration = Duration::from_millis(4);
 struct RecordReport {
     files: Vec<PathBuf>,
     #[serde(flatten)]
-    counts: Counts,
+    counts: RecordingCounts,
 }
 
 pub(super) fn run(args: &RecordArgs, file: &Path) -> Result<(), Failure> {
     let interrupt = Interrupt::listen()?;
-    for (place, mended) in mend_leftovers(file).map_err(unrecorded)? {
-        note!(
-            "record: an interrupted recording is mended: {}, {} messages",
-            place.display(),
-            mended.messages
-        );
+    for (path, mended) in mend_leftovers(file).map_err(unrecorded)? {
+        note!("record: an interrupted recording is mended: {}, {} messages", path.display(), mended.messages);
     }
     let instance = args.instance.instance()?;
-    let options = Options {
+    let options = RecorderOptions {
         target: file.to_path_buf(),
         max_bytes: args.max_size,
         max_files: args.max_files.map(usize::from),
         facts: facts(&instance),
     };
-    let source = Source::open(&instance, Wants::ALL).map_err(unrecorded)?;
+    let source = LiveSource::open(&instance, Wants::ALL).map_err(unrecorded)?;
     let through = if source.is_relayed() { " through the relay" } else { "" };
     let mut recorder = Recorder::start(source, options).map_err(unrecorded)?;
     note!("record: recording everything{through} into {} until Ctrl-C", file.display());
@@ -57,7 +50,7 @@ pub(super) fn run(args: &RecordArgs, file: &Path) -> Result<(), Failure> {
             break;
         }
         if let Some(changed) = recorder.hear() {
-            note!("record: {}", news(changed));
+            note!("record: {}", changed.words());
         }
         std::thread::sleep(NAP);
     }
@@ -71,26 +64,4 @@ pub(super) fn run(args: &RecordArgs, file: &Path) -> Result<(), Failure> {
         counts.lost(),
     );
     args.json.write(&RecordReport { files, counts })
-}
-
-/// What the file says about itself and the daemon that is up. Takes its time, so call it before a source is
-/// open.
-pub(crate) fn facts(instance: &Instance) -> Facts {
-    let pid = instance.daemon().map_or(0, |daemon| daemon.pid);
-    let read = |path: &str| std::fs::read_to_string(path).unwrap_or_default().trim().to_owned();
-    let layout = |hash: u64| format!("{hash:016x}");
-    [
-        ("version", env!("CARGO_PKG_VERSION").to_owned()),
-        ("layout.tick_input", layout(TickInput::LAYOUT_HASH)),
-        ("layout.tick_record", layout(TickRecord::LAYOUT_HASH)),
-        ("layout.status", layout(Status::LAYOUT_HASH)),
-        ("instance", instance.number().to_string()),
-        ("daemon_pid", pid.to_string()),
-        ("host", read("/proc/sys/kernel/hostname")),
-        ("kernel", read("/proc/sys/kernel/osrelease")),
-        ("begun_unix_ns", monotonic_now_ns().wrapping_add(unix_minus_monotonic()).to_string()),
-        ("unix_minus_monotonic_ns", unix_minus_monotonic().to_string()),
-    ]
-    .map(|(key, value)| (key.to_owned(), value))
-    .into()
 }

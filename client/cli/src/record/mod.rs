@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use foretrace_live::LiveError;
 use foretrace_record::RecordError;
 use foretrace_record::info::{Info, info};
-use foretrace_record::read::Reader;
+use foretrace_record::read::RecordingReader;
 use foretrace_record::repair::repair;
 use foretrace_record::write::part_of;
 use serde::Serialize;
@@ -121,31 +121,31 @@ pub(crate) fn undamaged(file: &Path, damage: Option<&str>) -> Result<(), Failure
 }
 
 fn tell(args: &RecordArgs, file: &Path) -> Result<(), Failure> {
-    let told: Info = info(file).map_err(unrecorded)?;
-    say!("{}: {:.1} s", file.display(), told.seconds);
-    for (key, value) in told.begin.iter().chain(&told.end) {
+    let summary: Info = info(file).map_err(unrecorded)?;
+    say!("{}: {:.1} s", file.display(), summary.seconds);
+    for (key, value) in summary.begin.iter().chain(&summary.end) {
         say!("  {key}: {value}");
     }
-    for (topic, count) in &told.topics {
+    for (topic, count) in &summary.topics {
         say!("  {count:>9} {topic}");
     }
-    if let Some((first, last)) = told.ticks {
-        say!("  ticks {first} to {last}, {} missing", told.missing_ticks);
+    if let Some((first, last)) = summary.ticks {
+        say!("  ticks {first} to {last}, {} missing", summary.missing_ticks);
     }
-    for (daemon, build) in &told.laws {
+    for (daemon, build) in &summary.laws {
         say!("  build of the law: {build}, of daemon {daemon:016x}");
     }
-    match told.states.as_slice() {
+    match summary.states.as_slice() {
         [] => say!("  no state to replay from"),
-        [first, ..] => say!("  {} states to replay from, the first after tick {first}", told.states.len()),
+        [first, ..] => say!("  {} states to replay from, the first after tick {first}", summary.states.len()),
     }
-    for topic in &told.foreign {
+    for topic in &summary.foreign {
         say!("  {topic} has another layout than this program's");
     }
-    if let Some(damage) = &told.damage {
+    if let Some(damage) = &summary.damage {
         say!("  it ends early, {damage}: `foretrace record --repair {}`", file.display());
     }
-    args.json.write(&told)
+    args.json.write(&summary)
 }
 
 /// What was mended; keys are stable.
@@ -158,7 +158,7 @@ struct MendReport {
 
 fn mend(args: &RecordArgs, file: &Path) -> Result<(), Failure> {
     // Said before a file is begun beside it.
-    Reader::open(file).map_err(unrecorded)?;
+    RecordingReader::open(file).map_err(unrecorded)?;
     let name = file.file_name().unwrap_or_default().to_string_lossy();
     let stem = name.trim_end_matches(".part").trim_end_matches(".mcap");
     let target = file.with_file_name(format!("{stem}.mended.mcap"));
@@ -192,12 +192,16 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("run.mcap");
         let missing = || std::io::Error::from(std::io::ErrorKind::NotFound);
-        let told = || unrecorded(RecordError::Read { path: file.clone(), source: missing() }).to_string();
-        assert!(!told().contains("--repair"), "{}", told());
+        let summary = || unrecorded(RecordError::Read { path: file.clone(), source: missing() }).to_string();
+        assert!(!summary().contains("--repair"), "{}", summary());
         std::fs::write(folder.path().join("run.mcap.part"), "").unwrap();
-        assert!(told().contains("run.mcap.part is there") && told().contains("--repair"), "{}", told());
+        assert!(
+            summary().contains("run.mcap.part is there") && summary().contains("--repair"),
+            "{}",
+            summary()
+        );
         std::fs::write(&file, "").unwrap();
-        assert!(!told().contains("--repair"), "{}", told());
+        assert!(!summary().contains("--repair"), "{}", summary());
     }
 
     #[test]

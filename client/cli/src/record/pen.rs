@@ -7,11 +7,11 @@
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use foretrace_client::{Foretrace, PenWatch};
+use foretrace_client::{DaemonChange, Foretrace, Lookout, PenWatch};
 use foretrace_sim::data::PenLog;
 use serde::Serialize;
 
-use crate::attach::{Lookout, News, unattached};
+use crate::attach::unattached;
 use crate::failure::Failure;
 use crate::interrupt::Interrupt;
 use crate::output::{note, say};
@@ -23,7 +23,7 @@ const NAP: Duration = Duration::from_millis(50);
 
 /// The result; keys are stable.
 #[derive(Debug, Default, Serialize)]
-struct RecordReport {
+struct PenRecordReport {
     samples: u64,
     rate_hz: f64,
     /// From the first sample to the last.
@@ -51,9 +51,9 @@ pub(super) fn run(args: &RecordArgs, pen: &Path) -> Result<(), Failure> {
         let remedy = format!("what was recorded is in {}", part.display());
         Failure::failed(format_args!("cannot write the recording: {error}"), remedy)
     };
-    let mut report = RecordReport::default();
+    let mut report = PenRecordReport::default();
     let deadline = args.seconds.map(|s| Instant::now() + Duration::from_secs_f64(s));
-    let mut lookout = Lookout::new();
+    let mut lookout = Lookout::default();
     let mut ends = false;
     while !ends {
         ends = interrupt.is_set() || deadline.is_some_and(|deadline| Instant::now() >= deadline);
@@ -72,7 +72,7 @@ pub(super) fn run(args: &RecordArgs, pen: &Path) -> Result<(), Failure> {
         let what = format!("{} pen samples came, and a recording needs 2", summary.samples);
         return Err(Failure::failed(what, "feed the pen meanwhile, for example by foretrace play"));
     };
-    let report = RecordReport { samples: summary.samples, rate_hz, seconds: summary.seconds, ..report };
+    let report = PenRecordReport { samples: summary.samples, rate_hz, seconds: summary.seconds, ..report };
     say!(
         "{}: {} samples, {:.1} s at {:.0} Hz, {} lost, {} out of order",
         pen.display(),
@@ -102,19 +102,11 @@ fn written(watch: &mut PenWatch, log: &mut PenLog) -> std::io::Result<u64> {
 
 /// Makes a new watch after a new daemon has replaced the services.
 fn renewed(lookout: &mut Lookout, foretrace: &mut Foretrace) -> Option<PenWatch> {
-    match lookout.look(foretrace) {
-        News::None => None,
-        News::Gone => {
-            note!("record: the daemon is gone; waiting for another");
-            None
-        }
-        News::Back => {
-            note!("record: a daemon took over");
-            None
-        }
-        News::Renewed => {
-            note!("record: a new daemon is there");
-            foretrace.pen_watch().map_err(|error| note!("{}", unattached(error))).ok()
-        }
+    let change = lookout.look(foretrace);
+    if let Some(words) = change.words("waiting for another") {
+        note!("record: {words}");
     }
+    (change == DaemonChange::Renewed)
+        .then(|| foretrace.pen_watch().map_err(|error| note!("foretrace: {error}")).ok())
+        .flatten()
 }

@@ -2,14 +2,14 @@
 
 use std::time::Duration;
 
-use foretrace_client::{FeedError, Foretrace, PenFeed, PenReading, Place, monotonic_now_ns};
-use foretrace_tablet::{Decoded, Hand, Rate};
+use foretrace_client::{Claimant, FeedError, Lasting, PenFeed, PenReading, Place, monotonic_now_ns};
+use foretrace_tablet::{Decoded, MappedHand, Rate};
 use serde::Serialize;
 
-use crate::attach::{Lookout, News, unattached};
+use crate::attach::follow;
 use crate::failure::Failure;
 use crate::output::note;
-use crate::place::handed_over;
+use crate::take_over::handed_over;
 
 /// A pen at rest is sent again after this time: silence means that it is gone.
 const REPEAT_NS: u64 = 20_000_000;
@@ -19,7 +19,7 @@ pub(super) const MARGIN: Duration = Duration::from_millis(5);
 
 /// What was sent; keys are stable.
 #[derive(Debug, Default, Clone, PartialEq, Serialize)]
-pub(super) struct Counts {
+pub(super) struct TabletCounts {
     /// Readings of the device.
     pub(super) readings: u64,
     /// Sent again at rest.
@@ -34,25 +34,32 @@ pub(super) struct Counts {
 
 /// The feed, and what was sent last.
 pub(super) struct Feeding {
-    feed: Option<PenFeed>,
-    pub(super) hand: Hand,
+    feed: Lasting<PenFeed>,
+    who: Claimant,
+    pub(super) hand: MappedHand,
     clutch_flag: Option<u32>,
     /// The device's last reading, while its pen is in range.
     last: Option<PenReading>,
     last_ns: u64,
-    pub(super) counts: Counts,
+    pub(super) counts: TabletCounts,
     pub(super) rate: Rate,
 }
 
 impl Feeding {
-    pub(super) fn new(feed: PenFeed, hand: Hand, clutch_flag: Option<u32>) -> Self {
+    pub(super) fn new(
+        feed: Lasting<PenFeed>,
+        who: Claimant,
+        hand: MappedHand,
+        clutch_flag: Option<u32>,
+    ) -> Self {
         Self {
-            feed: Some(feed),
+            feed,
+            who,
             hand,
             clutch_flag,
             last: None,
             last_ns: 0,
-            counts: Counts::default(),
+            counts: TabletCounts::default(),
             rate: Rate::default(),
         }
     }
@@ -62,7 +69,7 @@ impl Feeding {
         self.last.map(|reading| reading.contact)
     }
 
-    /// Takes what the device told. `clutched`: the clutch is held by a word.
+    /// Takes what the device reported. `clutched`: the clutch is held by a word.
     ///
     /// # Errors
     ///
@@ -117,7 +124,7 @@ impl Feeding {
             reading.device_stamp_ns = self.last_ns + 1;
         }
         self.last_ns = reading.device_stamp_ns;
-        match self.feed.as_mut().map(|feed| feed.send(reading)) {
+        match self.feed.handle.as_mut().map(|feed| feed.send(reading)) {
             Some(Ok(true)) => {}
             Some(Ok(false)) | None => self.counts.unheard += 1,
             Some(Err(FeedError::HandedOver)) => return self.still_ours(),
@@ -137,35 +144,15 @@ impl Feeding {
     ///
     /// Somebody did.
     pub(super) fn still_ours(&mut self) -> Result<(), Failure> {
-        match self.feed.as_mut().and_then(PenFeed::handed_to) {
+        match self.feed.handle.as_mut().and_then(PenFeed::handed_to) {
             Some(to) => Err(handed_over(Place::Pen, Some(to))),
             None => Ok(()),
         }
     }
 
     /// Follows the daemon when it goes and comes back.
-    pub(super) fn follow(
-        &mut self,
-        lookout: &mut Lookout,
-        foretrace: &mut Foretrace,
-        again: impl FnOnce(&Foretrace) -> Result<PenFeed, foretrace_client::ServiceError>,
-    ) {
-        match lookout.look(foretrace) {
-            News::None => {}
-            News::Gone => note!("tablet: the daemon is gone; waiting for the next"),
-            News::Back => note!("tablet: a daemon took over"),
-            News::Renewed => {
-                // The old feed holds the place that the new one needs.
-                self.feed = None;
-                match again(foretrace) {
-                    Ok(feed) => self.feed = Some(feed),
-                    Err(error) => {
-                        note!("{}", unattached(error));
-                        lookout.again();
-                    }
-                }
-                note!("tablet: a new daemon is there");
-            }
-        }
+    pub(super) fn follow(&mut self) {
+        let Self { feed, who, .. } = self;
+        follow("tablet", "waiting for the next", feed, |foretrace| foretrace.pen_feed_as(who));
     }
 }

@@ -1,8 +1,8 @@
 //! `foretrace tablet`: a pen tablet, or a mouse or touchscreen in its stead, as the pen.
 //!
 //! Contract: readings go out as they come, stamped by the kernel; a pen at rest is sent again, and one that
-//! leaves is told once. Outlives the daemon and the device. In the order of a reading's way: `choice`, then
-//! foretrace-tablet, then `feeding`; `words` are what a person types meanwhile.
+//! leaves is reported once. Outlives the daemon and the device. In the order of a reading's way: `choice`,
+//! then foretrace-tablet, then `feeding`; `words` are what a person types meanwhile.
 
 mod choice;
 mod feeding;
@@ -12,19 +12,19 @@ mod words;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use foretrace_client::{Claimant, HolderKind, monotonic_now_ns};
+use foretrace_client::{Claimant, HolderKind, Lasting, monotonic_now_ns};
 use foretrace_config::plain;
-use foretrace_tablet::{Device, Hand, Input, Kind, Reader, UDEV_RULE, list};
+use foretrace_tablet::{Device, DeviceKind, Input, MappedHand, TabletReader, UDEV_RULE, list};
 use serde::Serialize;
 
-use crate::attach::{Lookout, attach_within, unattached};
+use crate::attach::{attach_within, unattached};
 use crate::failure::Failure;
 use crate::interrupt::Interrupt;
 use crate::output::{JsonArgs, note, say};
-use crate::place::TakeOver;
 use crate::settings::InstanceArgs;
+use crate::take_over::TakeOver;
 use choice::unusable;
-use feeding::{Counts, Feeding, MARGIN};
+use feeding::{Feeding, MARGIN, TabletCounts};
 use options::HandArgs;
 use words::Words;
 
@@ -76,7 +76,7 @@ pub(crate) struct TabletArgs {
     take_over: TakeOver,
 
     /// Shortest time between two reports of rate and counts [s]; reports only changes
-    #[arg(long, value_name = "S", default_value_t = 2.0, value_parser = crate::play::source::positive)]
+    #[arg(long, value_name = "S", default_value_t = 2.0, value_parser = crate::values::positive)]
     status_every: f64,
 
     /// Seconds to wait for the daemon to come up
@@ -101,7 +101,7 @@ struct TabletReport {
     name: String,
     kind: &'static str,
     #[serde(flatten)]
-    counts: Counts,
+    counts: TabletCounts,
     /// Readings that came faster than they could be sent on.
     without_room: u64,
     /// How often the kernel had to drop events.
@@ -126,23 +126,23 @@ pub(crate) fn run(args: &TabletArgs) -> Result<(), Failure> {
         None => choice::only(&list().map_err(|error| unusable(&error))?, args.pointer)?.path.clone(),
     };
     let device = Device::open(&path, args.mm, args.grab).map_err(|error| unusable(&error))?;
-    if args.device.is_some() && device.kind() != Kind::Pen && !args.pointer {
+    if args.device.is_some() && device.kind() != DeviceKind::Pen && !args.pointer {
         let what = format!("{} is no pen tablet but a {} device", path.display(), device.kind().label());
         return Err(Failure::usage(what, "say --pointer to write with it all the same"));
     }
-    let kind = if device.kind() == Kind::Pen { HolderKind::Tablet } else { HolderKind::Pointer };
+    let kind = if device.kind() == DeviceKind::Pen { HolderKind::Tablet } else { HolderKind::Pointer };
     let who = Claimant::new(kind, &path.display().to_string());
-    let mut foretrace = attach_within(&args.instance.instance()?, Duration::from_secs_f64(args.wait))?;
+    let foretrace = attach_within(&args.instance.instance()?, Duration::from_secs_f64(args.wait))?;
     let feed = args.take_over.pen(&foretrace, &who).map_err(unattached)?;
-    let mut hand = Hand::new(args.hand.mapping());
+    let mut hand = MappedHand::new(args.hand.mapping());
     hand.lock(args.hand.lock);
-    let mut feeding = Feeding::new(feed, hand, args.hand.clutch);
+    let mut feeding = Feeding::new(Lasting::new(foretrace, feed), who, hand, args.hand.clutch);
     let mut plugged = Plugged::begin(device, path, args)?;
     note!("tablet: {} ({}); type: {}", plugged.path.display(), plain(&plugged.name), words::HELP);
-    let mut words = Words::listen().map_err(no_thread)?;
-    let (begin, mut lookout) = (Instant::now(), Lookout::new());
+    let mut words = Words::listen()?;
+    let begin = Instant::now();
     let mut shown =
-        Shown { every: Duration::from_secs_f64(args.status_every), last: begin, line: String::new() };
+        CountsReport { every: Duration::from_secs_f64(args.status_every), last: begin, line: String::new() };
     let over = || args.seconds.is_some_and(|seconds| begin.elapsed().as_secs_f64() >= seconds);
     while !interrupt.is_set() && !over() {
         match plugged.next() {
@@ -152,7 +152,7 @@ pub(crate) fn run(args: &TabletArgs) -> Result<(), Failure> {
         }
         words.carry_out(&mut feeding.hand);
         feeding.still_ours()?;
-        feeding.follow(&mut lookout, &mut foretrace, |foretrace| foretrace.pen_feed_as(&who));
+        feeding.follow();
         shown.tell(&feeding, &plugged);
     }
     let report = plugged.report(&feeding);
@@ -173,8 +173,8 @@ struct Plugged<'a> {
     args: &'a TabletArgs,
     path: PathBuf,
     name: String,
-    kind: Kind,
-    reader: Option<Reader>,
+    kind: DeviceKind,
+    reader: Option<TabletReader>,
     next_attempt: Instant,
     unplugged: u64,
     /// Of readers that have ended.
@@ -185,7 +185,7 @@ struct Plugged<'a> {
 impl<'a> Plugged<'a> {
     fn begin(device: Device, path: PathBuf, args: &'a TabletArgs) -> Result<Self, Failure> {
         let (name, kind) = (device.name().to_owned(), device.kind());
-        let reader = Some(Reader::start(device).map_err(no_thread)?);
+        let reader = Some(TabletReader::start(device).map_err(no_thread)?);
         let next_attempt = Instant::now();
         Ok(Self { args, path, name, kind, reader, next_attempt, unplugged: 0, without_room: 0, dropped: 0 })
     }
@@ -212,12 +212,12 @@ impl<'a> Plugged<'a> {
         }
         self.next_attempt = Instant::now() + AGAIN;
         let Some(device) = self.found_again() else { return };
-        match Reader::start(device) {
+        match TabletReader::start(device) {
             Ok(reader) => {
                 self.reader = Some(reader);
                 note!("tablet: {} is back", self.path.display());
             }
-            Err(error) => note!("{}", no_thread(error)),
+            Err(error) => note!("foretrace: {}", no_thread(error)),
         }
     }
 
@@ -238,14 +238,14 @@ impl<'a> Plugged<'a> {
     fn losses(&self) -> (u64, u64) {
         let now = self.reader.as_ref();
         (
-            self.without_room + now.map_or(0, Reader::without_room),
-            self.dropped + now.map_or(0, Reader::dropped),
+            self.without_room + now.map_or(0, TabletReader::without_room),
+            self.dropped + now.map_or(0, TabletReader::dropped),
         )
     }
 
     fn report(&self, feeding: &Feeding) -> TabletReport {
         let (without_room, dropped) = self.losses();
-        let told = feeding.rate.told();
+        let rate = feeding.rate.measured();
         TabletReport {
             device: self.path.clone(),
             name: self.name.clone(),
@@ -254,20 +254,20 @@ impl<'a> Plugged<'a> {
             without_room,
             dropped,
             unplugged: self.unplugged,
-            rate_hz: told.map(|told| told.hz),
-            jitter_ms: told.map(|told| told.jitter_ms),
+            rate_hz: rate.map(|rate| rate.hz),
+            jitter_ms: rate.map(|rate| rate.jitter_ms),
         }
     }
 }
 
 /// The last report of rate and counts.
-struct Shown {
+struct CountsReport {
     every: Duration,
     last: Instant,
     line: String,
 }
 
-impl Shown {
+impl CountsReport {
     fn tell(&mut self, feeding: &Feeding, plugged: &Plugged<'_>) {
         if self.last.elapsed() < self.every {
             return;

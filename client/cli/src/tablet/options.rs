@@ -1,7 +1,9 @@
 //! The options of `foretrace tablet`, as values.
 
-use foretrace_client::pen_flags;
+use foretrace_client::wire::pen_flags;
 use foretrace_tablet::{Mapping, PlaneAxis};
+
+use crate::values::{number, word};
 
 /// How the hand moves the pen.
 #[derive(Debug, Clone, Copy, clap::Args)]
@@ -48,41 +50,29 @@ pub(super) fn millimetres(text: &str) -> Result<[f64; 2], String> {
 
 /// A factor by which the pen moves farther than the hand.
 pub(super) fn scale(text: &str) -> Result<f64, String> {
-    let factor = text.parse().ok().filter(|factor| (0.01..=100.0).contains(factor));
-    factor.ok_or_else(|| "a number from 0.01 to 100".to_owned())
-}
-
-fn mirror(text: &str) -> Result<[bool; 2], String> {
-    match text {
-        "x" => Ok([true, false]),
-        "y" => Ok([false, true]),
-        "xy" | "yx" => Ok([true; 2]),
-        _ => Err("x, y or xy".to_owned()),
-    }
+    number(0.01..=100.0, "a number from 0.01 to 100")(text)
 }
 
 fn degrees(text: &str) -> Result<f64, String> {
-    let angle = text.parse().ok().filter(|angle| (-360.0..=360.0).contains(angle));
-    angle.ok_or_else(|| "a number of degrees from -360 to 360".to_owned())
+    number(-360.0..=360.0, "a number of degrees from -360 to 360")(text)
+}
+
+fn mirror(text: &str) -> Result<[bool; 2], String> {
+    word([("x", [true, false]), ("y", [false, true]), ("xy", [true; 2]), ("yx", [true; 2])], "x, y or xy")(
+        text,
+    )
 }
 
 /// An axis of the pen's plane.
 pub(super) fn axis(text: &str) -> Result<PlaneAxis, String> {
-    match text {
-        "x" => Ok(PlaneAxis::X),
-        "y" => Ok(PlaneAxis::Y),
-        _ => Err("x or y".to_owned()),
-    }
+    word([("x", PlaneAxis::X), ("y", PlaneAxis::Y)], "x or y")(text)
 }
 
 /// A side button, as its flag.
 fn button(text: &str) -> Result<u32, String> {
-    match text {
-        "1" => Ok(pen_flags::BUTTON_1),
-        "2" => Ok(pen_flags::BUTTON_2),
-        "3" => Ok(pen_flags::BUTTON_3),
-        _ => Err("1, 2 or 3".to_owned()),
-    }
+    word([("1", pen_flags::BUTTON_1), ("2", pen_flags::BUTTON_2), ("3", pen_flags::BUTTON_3)], "1, 2 or 3")(
+        text,
+    )
 }
 
 #[cfg(test)]

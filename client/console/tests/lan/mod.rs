@@ -30,11 +30,11 @@ fn a_page_is_served_under_tls_by_a_server_that_proves_its_address_and_its_name()
 }
 
 #[test]
-fn addresses_and_origins_that_it_was_not_started_on_are_refused_and_plain_http_is_told_where_to_go() {
+fn addresses_and_origins_that_it_was_not_started_on_are_refused_and_plain_http_is_reported_where_to_go() {
     let rig = Rig::start_lan();
     for host in ["192.0.2.9:1".to_owned(), "evil.example".to_owned(), format!("desk:{}", rig.at.port())] {
-        let told = rig.request(&format!("GET / HTTP/1.1\r\nHost: {host}\r\n\r\n"));
-        assert!(told.starts_with("HTTP/1.1 403") && told.contains("foreign host"), "{told}");
+        let reported = rig.request(&format!("GET / HTTP/1.1\r\nHost: {host}\r\n\r\n"));
+        assert!(reported.starts_with("HTTP/1.1 403") && reported.contains("foreign host"), "{reported}");
     }
     let clear = rig.origin().replace("https", "http");
     for origin in ["https://evil.example", "null", &clear] {
@@ -42,13 +42,13 @@ fn addresses_and_origins_that_it_was_not_started_on_are_refused_and_plain_http_i
     }
     let mut plain = TcpStream::connect(rig.at).unwrap();
     write!(plain, "GET / HTTP/1.1\r\nHost: {}\r\n\r\n", rig.at).unwrap();
-    let mut told = String::new();
-    plain.read_to_string(&mut told).unwrap();
-    assert!(told.starts_with("HTTP/1.1 426"), "{told}");
+    let mut reported = String::new();
+    plain.read_to_string(&mut reported).unwrap();
+    assert!(reported.starts_with("HTTP/1.1 426"), "{reported}");
     for wanted in [&rig.origin(), "not secure", "getCoalescedEvents", "rate"] {
-        assert!(told.contains(wanted), "{wanted} {told}");
+        assert!(reported.contains(wanted), "{wanted} {reported}");
     }
-    assert!(!told.contains(&rig.token));
+    assert!(!reported.contains(&rig.token));
     let tally = rig.end();
     let refused = ["foreign host", "foreign origin", "not under TLS"].map(|reason| tally.refused[reason]);
     assert_eq!(refused, [3, 3, 1]);
@@ -63,8 +63,11 @@ fn the_printed_token_works_once_and_its_key_lasts_until_another_token_is_used() 
     let key = got["key"].as_str().unwrap().to_owned();
     assert!(key.len() == 32 && key != rig.token);
     let mut thief = rig.page();
-    let told = control(&mut thief, &rig.token);
-    assert!(told["mine"] == false && told["refused"].as_str().unwrap().contains("works once"), "{told}");
+    let reported = control(&mut thief, &rig.token);
+    assert!(
+        reported["mine"] == false && reported["refused"].as_str().unwrap().contains("works once"),
+        "{reported}"
+    );
     // A page that is loaded again, or lost its link, comes back by its key.
     drop(first);
     let mut again = rig.page();
@@ -128,7 +131,7 @@ fn connections_that_begin_no_tls_or_drip_it_end_and_a_page_is_served_afterwards(
         answer.clear();
         let (mut line, _below) = rig.line("localhost");
         let asked = write!(line, "GET / HTTP/1.1\r\nHost: {}\r\n\r\n", rig.at);
-        // Turned away while all places are taken.
+        // Turned away while all slots are taken.
         let _ = asked.and_then(|()| line.read_to_string(&mut answer));
         answer.starts_with("HTTP/1.1 200")
     });

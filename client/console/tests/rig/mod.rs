@@ -7,9 +7,10 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use foretrace_client::{HeaderBounds, Instance, monotonic_now_ns};
+use foretrace_client::wire::HeaderBounds;
+use foretrace_client::{Instance, monotonic_now_ns};
 use foretrace_config::Config;
-use foretrace_console::{Certificate, Console, Lan, Link, Records, Renewer, Tally};
+use foretrace_console::{Certificate, Console, ConsoleTally, DaemonLink, Lan, Records, Renewer};
 use foretrace_shm::{InstanceLock, Message, Services, Session, Topic};
 use serde_json::{Value, json};
 use tungstenite::{ClientRequestBuilder, Message as Packet, WebSocket};
@@ -31,7 +32,7 @@ pub(crate) struct Rig {
     /// Under TLS: what a page on another machine trusts.
     tls: Option<Arc<rustls::ClientConfig>>,
     over: Arc<AtomicBool>,
-    running: Option<JoinHandle<Tally>>,
+    running: Option<JoinHandle<ConsoleTally>>,
 }
 
 impl Rig {
@@ -57,7 +58,7 @@ impl Rig {
         let console = Console::open(0, lan, Box::new(|_| {})).unwrap();
         let (at, address, renewer) = (console.at(), console.address(), console.renewer());
         let over = Arc::new(AtomicBool::new(false));
-        let link = Link {
+        let link = DaemonLink {
             instance: instance.clone(),
             config: Config::preset("ur5").unwrap(),
             writer: Box::new(|text| {
@@ -74,7 +75,7 @@ impl Rig {
         Self { _folder: folder, instance, daemon, at, token, renewer, tls, over, running: Some(running) }
     }
 
-    pub(crate) fn end(mut self) -> Tally {
+    pub(crate) fn end(mut self) -> ConsoleTally {
         self.over.store(true, Ordering::Release);
         self.running.take().unwrap().join().unwrap()
     }

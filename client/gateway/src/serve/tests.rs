@@ -14,7 +14,7 @@ struct Rig {
     folder: tempfile::TempDir,
     passed: Arc<Mutex<Vec<PenSample>>>,
     stop: Arc<AtomicBool>,
-    thread: Option<JoinHandle<Tally>>,
+    thread: Option<JoinHandle<GatewayTally>>,
 }
 
 fn policy() -> Policy {
@@ -30,7 +30,7 @@ fn policy() -> Policy {
 impl Rig {
     fn new(policy: Policy) -> Self {
         let folder = tempfile::tempdir().unwrap();
-        let socket = Socket::open(&folder.path().join("pen"), 0o600, None).unwrap();
+        let socket = GatewaySocket::open(&folder.path().join("pen"), 0o600, None).unwrap();
         let (passed, stop) = (Arc::new(Mutex::new(Vec::new())), Arc::new(AtomicBool::new(false)));
         let (taken, told) = (passed.clone(), stop.clone());
         let thread = std::thread::spawn(move || {
@@ -68,7 +68,7 @@ impl Rig {
         self.passed.lock().unwrap().len()
     }
 
-    fn end(mut self) -> (Tally, Vec<PenSample>) {
+    fn end(mut self) -> (GatewayTally, Vec<PenSample>) {
         self.stop.store(true, Ordering::Relaxed);
         let tally = self.thread.take().unwrap().join().unwrap();
         assert!(!self.path().exists(), "the socket goes with its gateway");
@@ -293,24 +293,53 @@ fn clients_that_break_off_inside_a_frame_or_die_leave_room_for_the_next() {
     assert_eq!(tally.clients, 44);
 }
 
+/// A gateway in the hands of the test, with a client that it has let in.
+fn by_hand(folder: &tempfile::TempDir, policy: Policy) -> (Gateway<impl FnMut(PenSample) -> Delivery>, Raw) {
+    let path = folder.path().join("pen");
+    let socket = GatewaySocket::open(&path, 0o600, None).unwrap();
+    let mut gateway = Gateway::new(socket, policy, |_| Delivery::Heard, monotonic_now_ns);
+    let stream = UnixStream::connect(path).unwrap();
+    stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
+    gateway.round().unwrap();
+    let mut client = Raw(BufReader::new(stream));
+    assert_eq!(client.line(), WELCOME);
+    (gateway, client)
+}
+
 #[test]
-fn a_frame_that_trickles_in_too_slowly_ends_the_connection_and_one_in_pieces_passes() {
-    let rig = Rig::new(Policy { frame_time: Duration::from_millis(300), ..policy() });
-    let mut raw = rig.raw();
+fn a_frame_in_two_parts_passes_once_the_second_is_there() {
+    let folder = tempfile::tempdir().unwrap();
+    let (mut gateway, mut client) = by_hand(&folder, policy());
     let bytes = Frame(sample()).encode();
-    raw.send(&bytes[..20]);
-    std::thread::sleep(Duration::from_millis(30));
-    raw.send(&bytes[20..]);
-    until("a frame in two pieces passes", || rig.passed() == 1);
-    let trickle = Frame(PenSample { device_stamp_ns: monotonic_now_ns(), ..sample() }).encode();
-    for byte in &trickle[..51] {
-        raw.send(&[*byte]);
-        std::thread::sleep(Duration::from_millis(10));
+    for (part, pending, passed) in [(&bytes[..20], 20, 0), (&bytes[20..51], 51, 0), (&bytes[51..], 0, 1)] {
+        client.send(part);
+        gateway.round().unwrap();
+        let frames = gateway.client.as_ref().map(|client| client.frames.pending());
+        assert_eq!((frames, gateway.tally.samples.passed), (Some(pending), passed));
     }
-    let last = raw.line();
+    assert!(gateway.client.as_ref().unwrap().half_since.is_none(), "the frame is whole");
+}
+
+#[test]
+fn a_frame_that_trickles_in_too_slowly_ends_the_connection() {
+    let folder = tempfile::tempdir().unwrap();
+    let frame_time = Duration::from_secs(10);
+    let (mut gateway, mut client) = by_hand(&folder, Policy { frame_time, ..policy() });
+    let begun = |gateway: &mut Gateway<_>, ago: Duration| {
+        gateway.client.as_mut().unwrap().half_since = Some(Instant::now() - ago);
+        gateway.round().unwrap();
+        gateway.client.is_some()
+    };
+    client.send(&Frame(sample()).encode()[..50]);
+    gateway.round().unwrap();
+    // More bytes do not begin the time again.
+    client.send(&[0]);
+    assert!(begun(&mut gateway, frame_time / 2), "half of the time is left");
+    assert!(!begun(&mut gateway, frame_time), "the time is over");
+    let last = client.line();
     assert!(last.contains("too slow with a frame"), "{last}");
-    let (tally, _) = rig.end();
-    assert_eq!((tally.samples.passed, tally.ended.of("too slow with a frame")), (1, 1));
+    let tally = gateway.close();
+    assert_eq!((tally.samples.passed, tally.ended.of("too slow with a frame")), (0, 1));
 }
 
 #[test]
@@ -342,7 +371,7 @@ fn random_bytes_from_many_clients_neither_end_the_gateway_nor_pass() {
     feed.finish().unwrap();
     let (tally, passed) = rig.end();
     assert_eq!(tally.clients, 201);
-    assert!(passed.iter().all(|sample| foretrace_client::Validate::validate(sample).is_ok()));
+    assert!(passed.iter().all(|sample| foretrace_client::wire::Validate::validate(sample).is_ok()));
     assert!(tally.samples.refused.total() > 50, "{tally}");
 }
 

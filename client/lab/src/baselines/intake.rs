@@ -9,7 +9,7 @@ const FUTURE_S: f64 = 0.010;
 
 /// The role of a sample for a filter.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Arrival {
+pub(super) enum SampleRole {
     /// The first one, or the first after a gap.
     First,
     /// Time since the last one \[s\].
@@ -26,19 +26,19 @@ pub(super) struct Intake {
 
 impl Intake {
     /// Accepts or drops `sample`, received at `now_s`.
-    pub(super) fn take(&mut self, now_s: f64, sample: &PathSample) -> Arrival {
+    pub(super) fn take(&mut self, now_s: f64, sample: &PathSample) -> SampleRole {
         let PathSample { t_s, x_m, y_m, .. } = *sample;
         if !(x_m.is_finite() && y_m.is_finite() && t_s <= now_s + FUTURE_S && t_s.is_finite()) {
-            return Arrival::Dropped;
+            return SampleRole::Dropped;
         }
         let before = self.newest.map(|(t, _)| t);
         if before.is_some_and(|t| t_s <= t) {
-            return Arrival::Dropped;
+            return SampleRole::Dropped;
         }
         self.newest = Some((t_s, [x_m, y_m]));
         match before {
-            Some(t) if t_s - t <= GAP_S => Arrival::Next(t_s - t),
-            _ => Arrival::First,
+            Some(t) if t_s - t <= GAP_S => SampleRole::Next(t_s - t),
+            _ => SampleRole::First,
         }
     }
 

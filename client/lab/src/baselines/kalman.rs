@@ -14,7 +14,7 @@ use std::collections::VecDeque;
 use foretrace_sim::path::PathSample;
 use nalgebra::{Matrix3, Vector3};
 
-use super::intake::{Arrival, Intake};
+use super::intake::{Intake, SampleRole};
 use super::{Baseline, BaselineSettings, KalmanKnobs, OneEuro, Origin, PostFilter, ServoKnobs, SoftServo};
 
 /// Samples before the first prediction.
@@ -33,7 +33,7 @@ pub struct KalmanWay {
     knobs: KalmanKnobs,
     lead_s: f64,
     period_s: f64,
-    axes: [Filter; 2],
+    axes: [AxisFilter; 2],
     recent: VecDeque<(f64, [f64; 2])>,
     post: Option<Post>,
 }
@@ -45,7 +45,7 @@ impl KalmanWay {
             knobs: settings.kalman,
             lead_s: settings.period_s + settings.dead_time_s + settings.kalman.lead_extra_s,
             period_s: settings.period_s,
-            axes: [Filter::default(); 2],
+            axes: [AxisFilter::default(); 2],
             recent: VecDeque::with_capacity(RECENT),
             post: settings.kalman.post_filter.map(|filter| Post::new(filter, settings.period_s)),
         }
@@ -55,12 +55,12 @@ impl KalmanWay {
         let arrival = self.intake.take(now_s, sample);
         let position = [sample.x_m, sample.y_m];
         match arrival {
-            Arrival::Dropped => return,
-            Arrival::First => {
+            SampleRole::Dropped => return,
+            SampleRole::First => {
                 self.recent.clear();
-                self.axes = position.map(|position| Filter::at(position, self.knobs.measurement_m));
+                self.axes = position.map(|position| AxisFilter::at(position, self.knobs.measurement_m));
             }
-            Arrival::Next(elapsed_s) => {
+            SampleRole::Next(elapsed_s) => {
                 for (axis, position) in self.axes.iter_mut().zip(position) {
                     axis.update(elapsed_s, position, &self.knobs);
                 }
@@ -152,16 +152,15 @@ impl Post {
     }
 }
 
-/// One axis.
 #[derive(Debug, Clone, Copy, Default)]
-struct Filter {
+struct AxisFilter {
     /// \[m, m/s, m/s²\]
     state: Vector3<f64>,
     covariance: Matrix3<f64>,
     samples: u32,
 }
 
-impl Filter {
+impl AxisFilter {
     fn at(position: f64, measurement_m: f64) -> Self {
         // One pixel, pixel per millisecond and pixel per millisecond², a pixel being the measurement's
         // deviation.

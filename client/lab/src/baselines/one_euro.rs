@@ -13,11 +13,11 @@ use super::OneEuroKnobs;
 pub struct OneEuro {
     knobs: OneEuroKnobs,
     /// Filtered position \[m\] and filtered speed \[m/s\] per axis; `None` before the first value.
-    axes: Option<[Axis; 2]>,
+    axes: Option<[OneEuroAxis; 2]>,
 }
 
 #[derive(Debug, Clone, Copy)]
-struct Axis {
+struct OneEuroAxis {
     position: f64,
     speed: f64,
 }
@@ -31,7 +31,7 @@ impl OneEuro {
 
     /// Forgets everything and stands at `position` \[m\].
     pub fn restart(&mut self, position: [f64; 2]) {
-        self.axes = Some(position.map(|position| Axis { position, speed: 0.0 }));
+        self.axes = Some(position.map(|position| OneEuroAxis { position, speed: 0.0 }));
     }
 
     /// Filters `position` \[m\], which came `elapsed_s` after the last one; the first passes unchanged.

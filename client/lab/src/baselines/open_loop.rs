@@ -19,7 +19,6 @@ const WAIT_STEP_S: f64 = 0.005;
 /// Sums of periods and stamps differ by less.
 const ROUNDING_S: f64 = 1e-9;
 
-/// Means over paths.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OpenLoop {
     /// Mean over paths of the mean squared error, hover included \[m²\].

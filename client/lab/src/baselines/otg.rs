@@ -15,7 +15,7 @@ use rsruckig::prelude::{
     Trackig,
 };
 
-use super::intake::{Arrival, Intake};
+use super::intake::{Intake, SampleRole};
 use super::trend::{AxisTrend, Trend};
 use super::{Baseline, BaselineSettings, Limits, OtgKnobs};
 
@@ -60,9 +60,9 @@ impl Baseline for OtgWay {
     fn target(&mut self, now_s: f64, pen: &[PathSample]) -> Option<[f64; 2]> {
         for sample in pen {
             match self.intake.take(now_s, sample) {
-                Arrival::Dropped => continue,
-                Arrival::First => self.trend.clear(),
-                Arrival::Next(_) => {}
+                SampleRole::Dropped => continue,
+                SampleRole::First => self.trend.clear(),
+                SampleRole::Next(_) => {}
             }
             self.trend.push(sample.t_s, [sample.x_m, sample.y_m]);
         }

@@ -6,7 +6,7 @@
 //! loop and cycle of delay. Not modelled: servoj's gain. Universal Robots publish no law for it; measured
 //! lags fit the look-ahead alone.
 
-use super::intake::{Arrival, GAP_S, Intake};
+use super::intake::{GAP_S, Intake, SampleRole};
 use super::{Baseline, BaselineSettings, Feed, OneEuro, ServoKnobs};
 use foretrace_sim::path::PathSample;
 
@@ -35,15 +35,15 @@ impl Baseline for ServojWay {
         for sample in pen {
             let position = [sample.x_m, sample.y_m];
             match (self.intake.take(now_s, sample), self.feed) {
-                (Arrival::Dropped, _) => {}
+                (SampleRole::Dropped, _) => {}
                 // Only a long silence makes the filter forget: a jump of the target would shake the arm.
-                (Arrival::First, Feed::Samples) => {
+                (SampleRole::First, Feed::Samples) => {
                     self.filter.step(GAP_S, position);
                 }
-                (Arrival::Next(elapsed_s), Feed::Samples) => {
+                (SampleRole::Next(elapsed_s), Feed::Samples) => {
                     self.filter.step(elapsed_s, position);
                 }
-                (Arrival::First | Arrival::Next(_), Feed::Periods) => {}
+                (SampleRole::First | SampleRole::Next(_), Feed::Periods) => {}
             }
         }
         if let (Feed::Periods, Some(position)) = (self.feed, self.intake.position()) {
@@ -59,11 +59,11 @@ pub struct SoftServo {
     period_s: f64,
     look_ahead_s: f64,
     /// Target of the last period \[m\], position \[m\] and velocity \[m/s\].
-    state: Option<[Follower; 2]>,
+    state: Option<[SoftServoAxis; 2]>,
 }
 
 #[derive(Debug, Clone, Copy)]
-struct Follower {
+struct SoftServoAxis {
     target: f64,
     x: f64,
     v: f64,
@@ -81,7 +81,8 @@ impl SoftServo {
     ///
     /// A non-finite target counts as the last one.
     pub fn step(&mut self, target: [f64; 2]) -> [f64; 2] {
-        let mut state = self.state.unwrap_or(target.map(|target| Follower { target, x: target, v: 0.0 }));
+        let mut state =
+            self.state.unwrap_or(target.map(|target| SoftServoAxis { target, x: target, v: 0.0 }));
         for (axis, target) in state.iter_mut().zip(target) {
             let to = if target.is_finite() { target } else { axis.target };
             axis.follow(to, self.look_ahead_s, self.period_s);
@@ -91,7 +92,7 @@ impl SoftServo {
     }
 }
 
-impl Follower {
+impl SoftServoAxis {
     /// Exact over the period: with ω = 2/look-ahead, in the frame that follows the ramp with its steady lag,
     /// e(t) = (e₀ + (ė₀ + ωe₀)t)·exp(−ωt).
     fn follow(&mut self, to: f64, look_ahead_s: f64, dt: f64) {

@@ -5,7 +5,6 @@ use std::str::FromStr;
 
 use super::tuned::{self, TUNED_HEIGHT_M};
 
-/// Which baseline.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum BaselineKind {
     /// 1€ filter, then `servoj` as most teleoperation scripts call it: look-ahead 0.1 s, gain 300.
@@ -19,7 +18,6 @@ pub enum BaselineKind {
 }
 
 impl BaselineKind {
-    /// Every baseline.
     pub const ALL: [Self; 4] = [Self::ServojGello, Self::ServojRos, Self::Otg, Self::Kalman];
 
     /// Name on the command line.
@@ -70,7 +68,6 @@ pub struct Limits {
 }
 
 impl Limits {
-    /// No limits.
     pub const OFF: Self =
         Self { velocity_mps: f64::INFINITY, acceleration_mps2: f64::INFINITY, jerk_mps3: f64::INFINITY };
 }
@@ -127,7 +124,6 @@ pub struct OtgKnobs {
 pub enum Origin {
     /// The newest sample, as in Chromium.
     Measured,
-    /// The filter's position.
     Filtered,
 }
 
@@ -192,15 +188,12 @@ pub struct BaselineSettings {
     pub height_m: f64,
     /// Limits of the tool. Only the trajectory generator uses them; for the others the arm clamps.
     pub limits: Limits,
-    /// servoj.
     pub servo: ServoKnobs,
     /// 1€ filter of the servoj baselines.
     pub one_euro: OneEuroKnobs,
     /// When it takes a step.
     pub feed: Feed,
-    /// Trajectory generator.
     pub otg: OtgKnobs,
-    /// Kalman filter.
     pub kalman: KalmanKnobs,
 }
 
@@ -315,22 +308,8 @@ fn one_euro_ranges(knobs: &OneEuroKnobs) -> [(&'static str, f64, f64, f64); 3] {
 pub enum BaselineError {
     /// An unknown name.
     #[error("there is no baseline {name:?}; there are servoj-gello, servoj-ros, otg, kalman")]
-    NoSuchWay {
-        /// As given.
-        name: String,
-    },
+    NoSuchWay { name: String },
     /// A knob.
     #[error("{kind}: {name} is {value}; legal: {low} to {high}")]
-    Range {
-        /// Of which baseline.
-        kind: BaselineKind,
-        /// The field.
-        name: &'static str,
-        /// As given.
-        value: f64,
-        /// Smallest legal value.
-        low: f64,
-        /// Largest legal value.
-        high: f64,
-    },
+    Range { kind: BaselineKind, name: &'static str, value: f64, low: f64, high: f64 },
 }

@@ -82,9 +82,9 @@ pub(super) fn kalman_rows(dead_time_s: f64) -> [KalmanKnobs; 8] {
 }
 
 /// A post-filter and how much further the prediction reaches because of it \[s\].
-type Post = Option<(PostFilter, f64)>;
+type TunedPost = Option<(PostFilter, f64)>;
 
-fn servo(look_ahead_s: f64, further_s: f64) -> Post {
+fn servo(look_ahead_s: f64, further_s: f64) -> TunedPost {
     Some((PostFilter::Servo(look_ahead_s), further_s))
 }
 
@@ -92,7 +92,7 @@ fn euro(min_cutoff_hz: f64, beta_hz_per_mps: f64) -> (PostFilter, f64) {
     (PostFilter::OneEuro(OneEuroKnobs { min_cutoff_hz, beta_hz_per_mps, speed_cutoff_hz: 10.0 }), 0.0)
 }
 
-fn row(process_mps2: f64, origin: Origin, horizon_max_s: f64, share: f64, post: Post) -> KalmanKnobs {
+fn row(process_mps2: f64, origin: Origin, horizon_max_s: f64, share: f64, post: TunedPost) -> KalmanKnobs {
     KalmanKnobs {
         measurement_m: 1e-4,
         process_mps2,

@@ -77,7 +77,6 @@ const FREE_JOINTS: [f64; 2] = [100.0, 1e6];
 const FREE_HALF_M: [f64; 2] = [0.30, 0.25];
 
 impl BenchArm {
-    /// All of them.
     pub const ALL: [Self; 4] = [Self::Ideal, Self::Delay30, Self::Ur5, Self::Slow];
 
     /// Name in tables and on the command line.
@@ -97,7 +96,6 @@ impl BenchArm {
         if self.limited() { 0.03 } else { 0.1 }
     }
 
-    /// Motion limits hold.
     #[must_use]
     pub const fn limited(self) -> bool {
         matches!(self, Self::Ur5 | Self::Slow)

@@ -4,7 +4,8 @@
 //! their stamp). The tool keeps the height and the orientation that it has at home; joints are found by
 //! damped least squares, without limits of ours, as baselines are used in practice: the arm's own clamps
 //! apply. On an arm without a servo, baselines that smooth in the servo get one in software. With `-legal`,
-//! joints are kept inside velocity and acceleration limits ([`Legal`]). Absent: lift, workspace, guard.
+//! joints are kept inside velocity and acceleration limits ([`LegalTargets`]). Absent: lift, workspace,
+//! guard.
 
 use foretrace_config::Config;
 use foretrace_control::arm::{Chain, JointLimits};
@@ -18,7 +19,7 @@ use foretrace_sim::metrics::ToolSample;
 use foretrace_sim::path::PathSample;
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 
-use super::legal::Legal;
+use super::legal::LegalTargets;
 use super::{BenchArm, Flaws};
 use crate::baselines::{Baseline, BaselineError, BaselineKind, BaselineSettings, Limits, build, soften};
 use crate::experiments::{
@@ -50,7 +51,7 @@ pub(super) fn baseline_settings(config: &Config, arm: BenchArm, kind: BaselineKi
 /// A baseline and its arm.
 pub(super) struct BaselineDesk {
     way: Box<dyn Baseline>,
-    reach: Reach,
+    reach: PlaneToJoints,
     arm: Box<dyn DeskArm>,
     measured: Measured,
     period_ns: u64,
@@ -60,7 +61,7 @@ pub(super) struct BaselineDesk {
     qd: [f64; JOINTS],
     /// `None` in front of an arm without any.
     limits: Option<JointLimits<JOINTS>>,
-    legal: Option<Legal>,
+    legal: Option<LegalTargets>,
     /// Commanded tool \[m\] and its velocity \[m/s\].
     tool: Option<([f64; 2], [f64; 2])>,
 }
@@ -87,7 +88,7 @@ impl BaselineDesk {
         let now = epoch(law.period_ns);
         Ok(Self {
             way,
-            reach: Reach::new(&law.chain, law.plane, &home),
+            reach: PlaneToJoints::new(&law.chain, law.plane, &home),
             arm: behind.built(home),
             measured: Measured::plain(now, home, [0.0; JOINTS]),
             period_ns: law.period_ns,
@@ -103,7 +104,7 @@ impl BaselineDesk {
     /// With commands inside the limits, where there are any.
     pub(super) fn kept_legal(mut self) -> Self {
         let period_s = self.period_ns as f64 * 1e-9;
-        self.legal = self.limits.map(|limits| Legal::new(limits, period_s));
+        self.legal = self.limits.map(|limits| LegalTargets::new(limits, period_s));
         self
     }
 
@@ -195,8 +196,7 @@ const REACHED: f64 = 1e-10;
 /// Damping of the least squares; with a reach of a metre it only shows at singularities.
 const DAMPING: f64 = 1e-9;
 
-/// Plane to joints.
-struct Reach {
+struct PlaneToJoints {
     chain: Chain<JOINTS>,
     plane: Plane,
     /// Of the tool in the plane's frame \[m\].
@@ -204,7 +204,7 @@ struct Reach {
     rotation: Matrix3<f64>,
 }
 
-impl Reach {
+impl PlaneToJoints {
     fn new(chain: &Chain<JOINTS>, plane: Plane, home: &[f64; JOINTS]) -> Self {
         let pose = chain.forward(home);
         let height_m = plane.point_from_base(&pose.position).z;

@@ -5,7 +5,7 @@ use foretrace_config::Config;
 use super::arm::FREE_GAIN;
 use super::baseline::{BaselineDesk, baseline_settings};
 use super::pareto::{Tuning, scale_gains, soften};
-use super::{BenchArm, Each, Flaws, Hand, Rival, Row, Score, rows};
+use super::{BenchArm, BenchRow, Each, Flaws, Hand, Rival, SequenceScore, rows};
 use crate::experiments::{ClosedLoop, Desk, DeskOptions, RunError, WAIT_S, desk, learner_for, settings_for};
 use crate::parallel;
 use foretrace_control::predict::PredictorKind;
@@ -17,19 +17,13 @@ pub enum BenchError {
     /// A sequence.
     #[error("{file}, writer {writer:?}, sequence {index} ({label:?}), {rival} on {arm}: {error}")]
     Run {
-        /// The file.
         file: String,
-        /// The writer.
         writer: String,
-        /// Place among what they wrote in it, from 0.
+        /// Index among what they wrote in it, from 0.
         index: usize,
-        /// Its label.
         label: String,
-        /// The method.
         rival: &'static str,
-        /// The arm.
         arm: &'static str,
-        /// What went wrong.
         error: Box<RunError>,
     },
     /// The settings.
@@ -37,32 +31,26 @@ pub enum BenchError {
     Settings(String),
 }
 
-/// What is run.
 #[derive(Debug)]
 pub struct Benchmark<'a> {
-    /// The loop.
     pub config: &'a Config,
     /// The arms, each with its hands.
     pub arms: Vec<(BenchArm, Vec<Hand>)>,
-    /// The method.
     pub rivals: Vec<Rival>,
-    /// Of the arms.
     pub flaws: Flaws,
 }
 
 /// One method on one arm.
 #[derive(Debug, Clone)]
-pub struct Outcome {
-    /// The method.
+pub struct MethodOutcome {
     pub rival: Rival,
-    /// The arm.
     pub arm: BenchArm,
     /// Per sequence, hand after hand.
-    pub scores: Vec<Option<Score>>,
+    pub scores: Vec<Option<SequenceScore>>,
 }
 
 /// One method with its tuning on the arm with this index, over all its hands.
-pub(super) struct Task {
+pub(super) struct MethodTask {
     pub(super) arm: usize,
     pub(super) rival: Rival,
     pub(super) tuning: Tuning,
@@ -86,13 +74,14 @@ impl Benchmark<'_> {
     ///
     /// # Errors
     /// The first sequence that could not be run.
-    pub fn run(&self, done: impl FnMut()) -> Result<Vec<Outcome>, BenchError> {
+    pub fn run(&self, done: impl FnMut()) -> Result<Vec<MethodOutcome>, BenchError> {
         let pairs = (0..self.arms.len()).flat_map(|arm| self.rivals.iter().map(move |who| (arm, *who)));
-        let tasks: Vec<_> = pairs.map(|(arm, rival)| Task { arm, rival, tuning: Tuning::Default }).collect();
+        let tasks: Vec<_> =
+            pairs.map(|(arm, rival)| MethodTask { arm, rival, tuning: Tuning::Default }).collect();
         let scores = self.all(&tasks, done)?;
         let outcomes = tasks.iter().zip(scores).filter_map(|(task, scores)| {
             let (arm, _) = self.arms.get(task.arm)?;
-            Some(Outcome { rival: task.rival, arm: *arm, scores })
+            Some(MethodOutcome { rival: task.rival, arm: *arm, scores })
         });
         Ok(outcomes.collect())
     }
@@ -100,10 +89,10 @@ impl Benchmark<'_> {
     /// The scores of each task, hand after hand; calls `done` after each hand.
     pub(super) fn all(
         &self,
-        tasks: &[Task],
+        tasks: &[MethodTask],
         done: impl FnMut(),
-    ) -> Result<Vec<Vec<Option<Score>>>, BenchError> {
-        let arm_of = |task: &Task| self.arms.get(task.arm);
+    ) -> Result<Vec<Vec<Option<SequenceScore>>>, BenchError> {
+        let arm_of = |task: &MethodTask| self.arms.get(task.arm);
         let jobs: Vec<_> = tasks
             .iter()
             .filter_map(|task| Some((task, arm_of(task)?)))
@@ -153,8 +142,8 @@ impl Benchmark<'_> {
     }
 
     /// Every score of `outcomes`, those of this benchmark, with the sequence that it belongs to.
-    pub fn each<'a>(&'a self, outcomes: &'a [Outcome]) -> impl Iterator<Item = Each<'a>> {
-        let of = |outcome: &'a Outcome| {
+    pub fn each<'a>(&'a self, outcomes: &'a [MethodOutcome]) -> impl Iterator<Item = Each<'a>> {
+        let of = |outcome: &'a MethodOutcome| {
             let hands = self.arms.iter().find(|(arm, _)| *arm == outcome.arm).map(|(_, hands)| hands);
             let sequences = hands.into_iter().flatten().flat_map(|hand| {
                 hand.sequences.iter().enumerate().map(move |(index, sequence)| (hand, index, sequence))
@@ -176,15 +165,15 @@ impl Benchmark<'_> {
     }
 
     /// Why the law refuses the settings of `task`, if it does.
-    pub(super) fn refusal(&self, task: &Task) -> Option<BenchError> {
+    pub(super) fn refusal(&self, task: &MethodTask) -> Option<BenchError> {
         let (arm, hands) = self.arms.get(task.arm)?;
         let job = Job { rival: task.rival, tuning: &task.tuning, arm: *arm, hand: hands.first()? };
         self.desk(&job).err()
     }
 
-    fn hand(&self, job: &Job<'_>) -> Result<Vec<Option<Score>>, BenchError> {
+    fn hand(&self, job: &Job<'_>) -> Result<Vec<Option<SequenceScore>>, BenchError> {
         let mut scores = Vec::with_capacity(job.hand.sequences.len());
-        self.write(job, usize::MAX, |sequence, run| scores.push(Score::of(sequence, &run)))?;
+        self.write(job, usize::MAX, |sequence, run| scores.push(SequenceScore::of(sequence, &run)))?;
         Ok(scores)
     }
 
@@ -245,10 +234,10 @@ impl Benchmark<'_> {
     }
 }
 
-impl Outcome {
+impl MethodOutcome {
     /// The table: one row per outcome with anything scored, compared with `hold` in front of the same arm.
     #[must_use]
-    pub fn table(outcomes: &[Self]) -> Vec<Row> {
+    pub fn table(outcomes: &[Self]) -> Vec<BenchRow> {
         let hold = |arm| outcomes.iter().find(|o| o.rival == Rival::HOLD && o.arm == arm);
         outcomes
             .iter()

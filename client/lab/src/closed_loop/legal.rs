@@ -11,14 +11,14 @@ const SHARE: f64 = 1.0 - 1e-6;
 
 /// Keeps a stream of joint targets legal.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Legal {
+pub(super) struct LegalTargets {
     limits: JointLimits<JOINTS>,
     period_s: f64,
     /// The last target \[rad\].
     target: Option<[f64; JOINTS]>,
 }
 
-impl Legal {
+impl LegalTargets {
     pub(super) fn new(limits: JointLimits<JOINTS>, period_s: f64) -> Self {
         Self { limits, period_s, target: None }
     }
@@ -56,7 +56,7 @@ mod tests {
     /// limits.
     fn followed(ticks: u32, target: impl Fn(u32) -> f64) -> Vec<f64> {
         let limits = JointLimits::new([[-6.0, 6.0]; JOINTS], [3.0; JOINTS], [40.0; JOINTS]).unwrap();
-        let mut legal = Legal::new(limits, DT);
+        let mut legal = LegalTargets::new(limits, DT);
         let (mut q, mut qd) = ([0.0; JOINTS], [0.0; JOINTS]);
         (0..ticks)
             .map(|tick| {

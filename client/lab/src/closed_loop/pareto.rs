@@ -14,7 +14,7 @@ use foretrace_sim::arm::JOINTS;
 use serde::Serialize;
 
 use super::baseline::baseline_settings;
-use super::job::Task;
+use super::job::MethodTask;
 use super::{BenchArm, BenchError, Benchmark, Rival, rows};
 use crate::baselines::{BaselineSettings, sweep};
 
@@ -42,7 +42,6 @@ const HOLD_FACTORS: [f64; 7] = [0.05, 0.2, 0.6, 1.0, 3.0, 10.0, 100.0];
 /// The settings of a method in the sweep.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Tuning {
-    /// The shipped ones.
     Default,
     /// The law in the plan's own steps, its gains multiplied.
     Gains(f64),
@@ -57,17 +56,14 @@ pub(super) enum Tuning {
 /// A method with one tuning on one arm.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ParetoPoint {
-    /// The method.
     pub method: &'static str,
     /// How it was tuned.
     pub label: String,
-    /// The arm.
     pub arm: &'static str,
     /// Root of the mean over sequences of the mean squared 2-D error, hover included, jumps left out \[m\].
     pub rms_m: f64,
     /// Root of the mean over sequences of the squared RMS jerk of the tool \[m/s³\].
     pub rms_jerk: f64,
-    /// As shipped.
     pub default: bool,
 }
 
@@ -108,7 +104,7 @@ impl Benchmark<'_> {
         let (tasks, labels): (Vec<_>, Vec<_>) = self.points().into_iter().unzip();
         let scores = self.all(&tasks, done)?;
         let scored = tasks.iter().zip(labels).zip(scores);
-        let point = |((task, label), scores): ((&Task, String), Vec<_>)| {
+        let point = |((task, label), scores): ((&MethodTask, String), Vec<_>)| {
             let (arm, _) = self.arms.get(task.arm)?;
             let row = rows(task.rival, arm.name(), &scores, None)?;
             Some(ParetoPoint {
@@ -127,29 +123,30 @@ impl Benchmark<'_> {
     /// out: [`Self::pareto`] fails if they are refused.
     #[must_use]
     pub fn pareto_refused(&self) -> Vec<String> {
-        let told = |(task, label): (Task, String)| {
+        let point = |(task, label): (MethodTask, String)| {
             let arm = self.arms.get(task.arm).map_or("", |(arm, _)| arm.name());
             let error = self.refused(&task)?;
             Some(format!("{} on {arm}, {label}: {error}", task.rival.name()))
         };
-        self.swept().into_iter().filter_map(told).collect()
+        self.swept().into_iter().filter_map(point).collect()
     }
 
-    fn refused(&self, task: &Task) -> Option<BenchError> {
+    fn refused(&self, task: &MethodTask) -> Option<BenchError> {
         (task.tuning != Tuning::Default).then(|| self.refusal(task)).flatten()
     }
 
-    fn points(&self) -> Vec<(Task, String)> {
+    fn points(&self) -> Vec<(MethodTask, String)> {
         self.swept().into_iter().filter(|(task, _)| self.refused(task).is_none()).collect()
     }
 
-    fn swept(&self) -> Vec<(Task, String)> {
+    fn swept(&self) -> Vec<(MethodTask, String)> {
         let mut points = Vec::new();
         for (index, (arm, _)) in self.arms.iter().enumerate() {
             for rival in &self.rivals {
                 let tuned = self.tunings(*arm, *rival).into_iter();
-                points
-                    .extend(tuned.map(|(tuning, label)| (Task { arm: index, rival: *rival, tuning }, label)));
+                points.extend(
+                    tuned.map(|(tuning, label)| (MethodTask { arm: index, rival: *rival, tuning }, label)),
+                );
             }
         }
         points

@@ -20,14 +20,11 @@ pub enum Rival {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("no predictor is called {name:?}; there are {}{}", known.join(" "), PredictorKind::renamed(name))]
 pub struct UnknownRival {
-    /// As given.
     pub name: String,
-    /// Every name.
     pub known: Vec<&'static str>,
 }
 
 impl Rival {
-    /// Feedback only.
     pub const HOLD: Self = Self::Law(LawEntrant::Hold);
     /// The daemon as it is shipped.
     pub const AS_SHIPPED: Self = Self::Law(LawEntrant::Mixture);

@@ -13,7 +13,7 @@ const WORSE_M: f64 = 2e-4;
 
 /// How one sequence was written.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Score {
+pub struct SequenceScore {
     /// Mean squared 2-D error, hover included, jumps left out \[m²\].
     pub mse_m2: f64,
     /// The same with the pen down \[m²\]; NaN where it never is.
@@ -30,19 +30,19 @@ pub struct Score {
     pub limited: u32,
     /// Ticks whose command asks a joint for more than its limits.
     pub illegal: u32,
-    /// All ticks.
     pub ticks: u32,
 }
 
-impl Score {
+impl SequenceScore {
     /// `None` when nothing of the sequence can be scored.
     #[must_use]
     pub fn of(sequence: &Sequence, run: &ClosedLoop) -> Option<Self> {
         let all = tracking(&sequence.scored(|_, leap| !leap), &run.tool)?;
         let down = tracking(&sequence.scored(|sample, leap| sample.contact && !leap), &run.tool);
         let leaps = sequence.leaps().then(|| tracking(&sequence.scored(|_, leap| leap), &run.tool)).flatten();
-        let mse =
-            |tracking: Option<foretrace_sim::metrics::Tracking>| tracking.map_or(f64::NAN, |t| t.mse_m2);
+        let mse = |tracking: Option<foretrace_sim::metrics::TrackingErrors>| {
+            tracking.map_or(f64::NAN, |t| t.mse_m2)
+        };
         let (first, last) = sequence.path.samples.first().zip(sequence.path.samples.last())?;
         let within = |t_s: f64| (first.t_s..=last.t_s).contains(&t_s);
         let written: Vec<_> = run.tool.iter().filter(|sample| within(sample.t_s)).copied().collect();
@@ -76,29 +76,22 @@ impl Score {
 /// The scores of one method on one arm for one sequence: for paired comparisons.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Each<'a> {
-    /// The method.
     pub predictor: &'static str,
-    /// The arm.
     pub arm: &'static str,
-    /// The file.
     pub file: &'a str,
-    /// The writer.
     pub writer: &'a str,
-    /// Place among what they wrote in it, from 0.
+    /// Index among what they wrote in it, from 0.
     pub index: usize,
     /// Label of the sequence.
     pub label: &'a str,
-    /// How.
     #[serde(flatten)]
-    pub score: Score,
+    pub score: SequenceScore,
 }
 
 /// One method on one arm, over all sequences.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Row {
-    /// The method.
+pub struct BenchRow {
     pub predictor: String,
-    /// The arm.
     pub arm: &'static str,
     /// Mean over sequences of the mean squared 2-D error \[m²\].
     pub mse_m2: f64,
@@ -122,7 +115,6 @@ pub struct Row {
     pub worse_than_hold_pct: Option<f64>,
     /// Largest RMS error of a sequence above that of `hold` \[m\]; absent without `hold`.
     pub worst_beyond_hold_m: Option<f64>,
-    /// Sequences scored.
     pub sequences: usize,
 }
 
@@ -132,15 +124,15 @@ pub struct Row {
 pub fn rows(
     rival: Rival,
     arm: &'static str,
-    scores: &[Option<Score>],
-    hold: Option<&[Option<Score>]>,
-) -> Option<Row> {
+    scores: &[Option<SequenceScore>],
+    hold: Option<&[Option<SequenceScore>]>,
+) -> Option<BenchRow> {
     let known = || scores.iter().flatten();
     let count = known().count();
     if count == 0 {
         return None;
     }
-    let mean = |of: fn(&Score) -> f64| {
+    let mean = |of: fn(&SequenceScore) -> f64| {
         let finite = || known().map(of).filter(|value| value.is_finite());
         finite().sum::<f64>() / finite().count() as f64
     };
@@ -150,11 +142,11 @@ pub fn rows(
             .flat_map(|hold| scores.iter().zip(hold).filter_map(|(a, b)| Some((a.as_ref()?, b.as_ref()?))))
     };
     let ticks: u64 = known().map(|score| u64::from(score.ticks)).sum();
-    let part = |of: fn(&Score) -> u32| {
+    let part = |of: fn(&SequenceScore) -> u32| {
         100.0 * known().map(|score| u64::from(of(score))).sum::<u64>() as f64 / ticks.max(1) as f64
     };
     let worse = pairs().filter(|(score, hold)| score.worse_than(hold)).count();
-    Some(Row {
+    Some(BenchRow {
         predictor: rival.name().to_owned(),
         arm,
         mse_m2: mean(|score| score.mse_m2),

@@ -14,9 +14,7 @@ pub const LEAP_S: f64 = 0.15;
 /// One character to be written.
 #[derive(Debug, Clone)]
 pub struct Sequence {
-    /// Its label.
     pub label: String,
-    /// Its path.
     pub path: PenPath,
     /// After a jump, per sample of the path.
     pub behind_leap: Vec<bool>,
@@ -25,7 +23,6 @@ pub struct Sequence {
 /// What one writer wrote in one file.
 #[derive(Debug, Clone)]
 pub struct Hand {
-    /// The file.
     pub file: String,
     /// The writer, as the file names them.
     pub writer: String,

@@ -1,8 +1,9 @@
 //! One method of the law in front of one arm, tick by tick: for arms of others, and for stops.
 //!
 //! Contract: the same desk, settings and scores as in the benchmark, so that an arm that answers as a
-//! built-in one gives its figures bit for bit. A stop does not fail the trial: it is told, with its cause,
-//! what was written until then is scored, and the trial ends when the arm has been at rest for a while.
+//! built-in one gives its figures bit for bit. A stop does not fail the trial: it is reported, with its
+//! cause, what was written until then is scored, and the trial ends when the arm has been at rest for a
+//! while.
 
 use std::sync::{Mutex, PoisonError};
 
@@ -15,7 +16,7 @@ use foretrace_sim::path::PenPath;
 use serde::Serialize;
 
 use super::arm::FREE_GAIN;
-use super::{BenchArm, Hand, Score, Sequence};
+use super::{BenchArm, Hand, Sequence, SequenceScore};
 use crate::experiments::{
     ClosedLoop, DeskArm, DeskOptions, LawEntrant, RunError, WAIT_S, Watch, Watched, desk, learner_for,
     settings_for,
@@ -25,14 +26,11 @@ use crate::parallel;
 /// Commands slower than this stand still \[rad/s\].
 const REST_RADPS: f64 = 1e-9;
 
-/// What is tried.
 #[derive(Debug)]
 pub struct Trial<'a> {
-    /// The loop.
     pub config: &'a Config,
     /// The arm whose letters and limits these are; one with limits, where the arm is of others.
     pub like: BenchArm,
-    /// The method.
     pub law: LawEntrant,
     /// What is written, in order.
     pub hand: &'a Hand,
@@ -47,12 +45,11 @@ pub struct Trial<'a> {
 pub struct SeenStop {
     /// When it latched, since the trial began \[s\].
     pub t_s: f64,
-    /// Place of the sequence that was being written, from 0.
+    /// Index of the sequence that was being written, from 0.
     pub sequence: usize,
     /// Why, as `StopReason` has it.
     #[serde(serialize_with = "debug")]
     pub reason: StopReason,
-    /// The evidence.
     #[serde(flatten, serialize_with = "detail")]
     pub detail: StopDetail,
     /// From then until the commands stood still \[s\]; absent where they never did.
@@ -63,8 +60,7 @@ pub struct SeenStop {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Tried {
     /// Per sequence that was begun.
-    pub scores: Vec<Option<Score>>,
-    /// The first stop.
+    pub scores: Vec<Option<SequenceScore>>,
     pub stop: Option<SeenStop>,
     /// How long it was \[s\].
     pub seconds: f64,
@@ -85,7 +81,7 @@ pub enum TrialError {
 }
 
 impl Trial<'_> {
-    /// Writes the hand's sequences with `arm`; `see` hears every tick, with the place of its sequence.
+    /// Writes the hand's sequences with `arm`; `see` hears every tick, with the index of its sequence.
     ///
     /// # Errors
     /// Illegal settings, an arm that cannot be armed or cannot go on.
@@ -132,7 +128,7 @@ impl Trial<'_> {
             observer.sequence = index;
             let run = desk.write_watched(&sequence.path.samples, WAIT_S, &mut observer)?;
             let Some(stop) = observer.stop else {
-                scores.push(Score::of(sequence, &run));
+                scores.push(SequenceScore::of(sequence, &run));
                 continue;
             };
             // Instants of the trial and of the path end together.
@@ -146,12 +142,12 @@ impl Trial<'_> {
 }
 
 /// The score of what was written before `end_s` \[s\] on the path's axis.
-fn until(sequence: &Sequence, run: &ClosedLoop, end_s: f64) -> Option<Score> {
+fn until(sequence: &Sequence, run: &ClosedLoop, end_s: f64) -> Option<SequenceScore> {
     let count = sequence.path.samples.iter().take_while(|sample| sample.t_s < end_s).count();
     let samples = sequence.path.samples[..count].to_vec();
     let path = PenPath { samples, ..sequence.path.clone() };
     let behind_leap = sequence.behind_leap[..count].to_vec();
-    Score::of(&Sequence { label: sequence.label.clone(), path, behind_leap }, run)
+    SequenceScore::of(&Sequence { label: sequence.label.clone(), path, behind_leap }, run)
 }
 
 /// Asks for the stop, and sees stops.
@@ -183,7 +179,7 @@ impl Watch for Observer<'_> {
         if stop.rest_after_s.is_none() && rests(tick.output) {
             stop.rest_after_s = Some(tick.t_s - stop.t_s);
         }
-        // A stop that never comes to rest is told as such, 5 s later.
+        // A stop that never comes to rest is reported as such, 5 s later.
         tick.t_s - stop.t_s < self.after_stop_s + if stop.rest_after_s.is_some() { 0.0 } else { 5.0 }
     }
 }

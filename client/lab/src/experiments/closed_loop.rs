@@ -31,7 +31,6 @@ pub struct TickTrace {
     pub reference: [f64; 2],
     /// Commanded tool acceleration \[m/s²\].
     pub acceleration: [f64; 2],
-    /// Trust.
     pub alpha: f64,
     /// A limit of plan, joints or guard shaped the command.
     pub limited: bool,
@@ -39,7 +38,6 @@ pub struct TickTrace {
     pub illegal: bool,
 }
 
-/// One run.
 #[derive(Debug, Clone, Default)]
 pub struct ClosedLoop {
     /// The arm's tool, one sample a tick, on the path's time axis.
@@ -85,11 +83,9 @@ const WAIT_STEP_S: f64 = 0.005;
 /// The predictor, learner and arm of a desk.
 #[derive(Debug)]
 pub struct DeskOptions {
-    /// The arm.
     pub arm: Box<dyn DeskArm>,
     /// Know the recorded future.
     pub oracle: bool,
-    /// Learns online.
     pub learner: Option<Learner>,
 }
 
@@ -116,13 +112,12 @@ pub struct Watched<'a> {
     /// The instant for which the command holds, on the desk's own axis, which begins when the desk does
     /// \[s\].
     pub t_s: f64,
-    /// The same instant.
     pub until: Stamp,
     /// What the arm had measured when the tick began.
     pub measured: &'a Measured,
     /// What the law made of it.
     pub output: &'a StepOutput<JOINTS>,
-    /// Place of the tool that was measured, in the plane frame \[m\].
+    /// Position of the tool that was measured, in the plane frame \[m\].
     pub tool: [f64; 3],
     /// The tick's command exceeds the joints' limits.
     pub illegal: bool,

@@ -48,7 +48,7 @@ impl Measured {
     }
 }
 
-/// What a loop is told of the arm before it runs.
+/// What a loop knows of the arm before it runs.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ArmFacts {
     /// From command to motion at low frequency \[s\]; `None`: the settings' dead time holds.
@@ -63,7 +63,7 @@ pub struct ArmFacts {
 
 /// An arm, one control period at a time.
 pub trait DeskArm: std::fmt::Debug + Send {
-    /// What the loop is told of it.
+    /// What the loop knows of it.
     fn facts(&self) -> ArmFacts;
 
     /// The joints at rest at `now`, before the first period.
@@ -85,7 +85,6 @@ pub trait DeskArm: std::fmt::Debug + Send {
     }
 }
 
-/// The built-in arms.
 // It is copied once a run; a box would make every use of it a clone.
 #[allow(clippy::large_enum_variant)]
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -99,7 +98,7 @@ pub enum ArmKind {
 }
 
 impl ArmKind {
-    /// What a loop is told of it.
+    /// What a loop knows of it.
     #[must_use]
     pub fn facts(self) -> ArmFacts {
         let (group_delay_s, look_ahead_s, servo) = match self {
@@ -153,7 +152,6 @@ struct DelayedArm {
     delay_s: f64,
     q: [f64; JOINTS],
     qd: [f64; JOINTS],
-    /// Oldest first.
     underway: VecDeque<JointCommand<JOINTS>>,
 }
 

@@ -30,7 +30,6 @@ impl LawEntrant {
         std::iter::once(Self::Hold).chain(believed).chain([Self::Mixture]).chain(knowing.map(Self::Believed))
     }
 
-    /// The predictor.
     #[must_use]
     pub const fn predictor(self) -> PredictorKind {
         match self {

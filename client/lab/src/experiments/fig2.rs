@@ -17,7 +17,6 @@ use crate::parallel;
 /// With and without the arm's lag.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Fig2Arm {
-    /// Follows commands exactly.
     Ideal,
     /// The simulated UR5 behind its servo; references are taken a dead time ahead.
     Ur5,
@@ -28,7 +27,6 @@ pub enum Fig2Arm {
 pub struct Fig2Row {
     /// The predictor, and how its trust is set.
     pub entrant: LawEntrant,
-    /// The arm.
     pub arm: Fig2Arm,
     /// Mean over letters of the mean squared 2-D error \[m²\].
     pub mse_m2: f64,
@@ -44,7 +42,6 @@ pub struct Fig2Row {
     pub letters_mse_m2: Vec<f64>,
 }
 
-/// The whole figure.
 #[derive(Debug, Clone)]
 pub struct Fig2 {
     /// A row for each predictor and arm.

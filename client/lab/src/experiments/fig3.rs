@@ -17,7 +17,6 @@ pub(super) const RAMP_STEPS: [f64; 2] = [30.0, 40.0];
 /// Letters shorter than this many steps have too little outside the ramp to compare with.
 const SHORTEST_STEPS: u32 = 60;
 
-/// One letter.
 #[derive(Debug, Clone)]
 pub struct Fig3Letter {
     /// Index into the letters given.
@@ -26,7 +25,6 @@ pub struct Fig3Letter {
     pub max_jerk_ratio: f64,
     /// Largest step of the tracking error during the ramp over the largest outside.
     pub irregularity: f64,
-    /// (step, trust).
     pub trust: Vec<(f64, f64)>,
     /// (step, distance of commanded tool and pen \[m\]).
     pub error_m: Vec<(f64, f64)>,
@@ -34,14 +32,11 @@ pub struct Fig3Letter {
     pub jerk_mps3: Vec<(f64, f64)>,
 }
 
-/// The whole figure.
 #[derive(Debug, Clone)]
 pub struct Fig3 {
     /// Letters long enough, in the order given.
     pub letters: Vec<Fig3Letter>,
-    /// Median over letters.
     pub max_jerk_ratio: f64,
-    /// Median over letters.
     pub irregularity: f64,
     /// Share of letters with a jerk ratio of at most 1: no more jerk in the ramp than in the rest of the
     /// letter.

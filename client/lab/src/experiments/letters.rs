@@ -9,14 +9,12 @@ use foretrace_sim::path::{Ink, PathError, PenPath, Placement};
 pub enum Labels {
     /// Those with exactly this label.
     One(String),
-    /// All.
     All,
 }
 
 /// One character, ready to be written.
 #[derive(Debug, Clone)]
 pub struct Letter {
-    /// Its label.
     pub label: String,
     /// Writer; empty where unknown.
     pub writer: String,
@@ -31,7 +29,6 @@ pub enum LetterError {
     /// The label does not occur.
     #[error("no character is labelled {label:?} in this split of {set}; it has {examples}")]
     NoSuchLabel {
-        /// As asked for.
         label: String,
         /// Name of the set.
         set: String,
@@ -44,7 +41,7 @@ pub enum LetterError {
         /// Name of the set.
         set: String,
     },
-    /// A character that cannot be placed.
+    /// A character that does not fit.
     #[error(transparent)]
     Path(#[from] PathError),
 }

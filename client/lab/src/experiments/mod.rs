@@ -6,6 +6,7 @@ mod entrant;
 mod fig2;
 mod fig3;
 mod letters;
+mod shown;
 
 pub(crate) use closed_loop::{AWAY_NS, epoch, feed};
 pub use closed_loop::{ClosedLoop, Desk, DeskOptions, LawDesk, RunError, TickTrace, Watch, Watched, desk};
@@ -15,8 +16,9 @@ pub use entrant::LawEntrant;
 pub use fig2::{Fig2, Fig2Arm, Fig2Row, fig2, fig2_entrant, fig2_names};
 pub use fig3::{Fig3, Fig3Letter, fig3};
 pub use letters::{Labels, Letter, LetterError, letters};
+pub use shown::fig2_json;
 
-use foretrace_config::{Config, Place};
+use foretrace_config::{Config, SettingOrigin};
 use foretrace_control::follower::FollowerSettings;
 use foretrace_control::learn::{Leads, Learner, LearnerSettings};
 use foretrace_control::predict::PredictorKind;
@@ -29,23 +31,13 @@ use foretrace_sim::arm::{ArmSettings, JOINTS};
 pub enum ExperimentError {
     /// A run.
     #[error("letter {label:?} of writer {writer}: {error}")]
-    Run {
-        /// The letter.
-        label: String,
-        /// The writer.
-        writer: String,
-        /// What went wrong.
-        error: RunError,
-    },
+    Run { label: String, writer: String, error: RunError },
     /// The settings.
     #[error("{0}")]
     Settings(String),
     /// No letter is long enough.
     #[error("no letter lasts {steps} grid steps; choose another label or set")]
-    TooShort {
-        /// Steps needed.
-        steps: u32,
-    },
+    TooShort { steps: u32 },
     /// No letter was ever scored.
     #[error("no letter has pen-down samples to score")]
     Nothing,
@@ -61,7 +53,7 @@ pub(crate) fn settings_for(config: &Config, arm: &ArmFacts, kind: PredictorKind)
     let mut settings = config.follower_settings();
     settings.preview.kind = if kind == PredictorKind::ORACLE { PredictorKind::HOLD } else { kind };
     // The default velocity lead is for the lag of real arms and uncertain predictions.
-    let asked = !matches!(config.origin("mpc.velocity_lead_ms"), None | Some(Place::Default));
+    let asked = !matches!(config.origin("mpc.velocity_lead_ms"), None | Some(SettingOrigin::Default));
     let late = arm.servo && kind != PredictorKind::ORACLE;
     if !asked && !late {
         settings.velocity_lead_ns = 0;

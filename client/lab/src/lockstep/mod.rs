@@ -19,8 +19,8 @@ use foretrace_control::units::Stamp;
 use foretrace_sim::arm::JOINTS;
 
 pub use wire::{
-    ARM_HELLO, ArmHello, COMMAND, Command, EffortUnit, HEADER, Kind, LAW_HELLO, LawHello, MAGIC, STATE,
-    State, VERSION, WireError, check_header,
+    ARM_HELLO, ArmAnswer, ArmEffortUnit, ArmHello, COMMAND, Command, HEADER, Kind, LAW_HELLO, LawHello,
+    MAGIC, STATE, VERSION, WireError, check_header,
 };
 
 use crate::experiments::{ArmError, ArmFacts, DeskArm, Measured, epoch};
@@ -37,52 +37,26 @@ pub fn begin(period_ns: u64) -> Stamp {
 pub enum LockstepError {
     /// Nobody listens.
     #[error("{path}: {error}; start the simulator that listens there first (--arm-socket)")]
-    Connect {
-        /// The socket.
-        path: PathBuf,
-        /// Why.
-        error: io::Error,
-    },
+    Connect { path: PathBuf, error: io::Error },
     /// Silence.
     #[error(
         "{path}: the arm says nothing for {seconds} s {when}; give it more time (--arm-timeout), or end it"
     )]
     Silent {
-        /// The socket.
         path: PathBuf,
         /// The time-out \[s\].
         seconds: f64,
-        /// What is awaited.
         when: String,
     },
     /// The peer went away.
     #[error("{path}: the arm closed the connection {when}; its own output says why")]
-    Closed {
-        /// The socket.
-        path: PathBuf,
-        /// What was awaited.
-        when: String,
-    },
+    Closed { path: PathBuf, when: String },
     /// The connection failed.
     #[error("{path}: {error} {when}")]
-    Io {
-        /// The socket.
-        path: PathBuf,
-        /// How.
-        error: io::Error,
-        /// What was awaited.
-        when: String,
-    },
+    Io { path: PathBuf, error: io::Error, when: String },
     /// A wrong message.
     #[error("{path}: {error} ({when})")]
-    Wire {
-        /// The socket.
-        path: PathBuf,
-        /// What is wrong.
-        error: WireError,
-        /// Where.
-        when: String,
-    },
+    Wire { path: PathBuf, error: WireError, when: String },
 }
 
 /// The arm behind a socket.
@@ -109,7 +83,8 @@ impl SocketArm {
         let stream = UnixStream::connect(path).map_err(wrong)?;
         let limit = Some(timeout.max(Duration::from_millis(1)));
         stream.set_read_timeout(limit).and_then(|()| stream.set_write_timeout(limit)).map_err(wrong)?;
-        let nothing = ArmHello { rate_hz: 1.0, group_delay_s: None, effort: EffortUnit::None, q: hello.home };
+        let nothing =
+            ArmHello { rate_hz: 1.0, group_delay_s: None, effort: ArmEffortUnit::None, q: hello.home };
         let mut arm = Self {
             path: path.to_owned(),
             stream,
@@ -126,7 +101,7 @@ impl SocketArm {
         Ok(arm)
     }
 
-    /// What the arm said of itself.
+    /// What the arm reported of itself.
     #[must_use]
     pub const fn hello(&self) -> &ArmHello {
         &self.hello
@@ -160,8 +135,8 @@ impl SocketArm {
         self.stream.write_all(bytes).map_err(|error| self.failed(error))
     }
 
-    /// A whole message; its header is checked before the rest is awaited, so that a wrong length is told as
-    /// such.
+    /// A whole message; its header is checked before the rest is awaited, so that a wrong length is
+    /// reported as such.
     fn receive<const SIZE: usize>(&mut self, kind: Kind) -> Result<[u8; SIZE], LockstepError> {
         let mut bytes = [0; SIZE];
         let began = Instant::now();
@@ -194,13 +169,13 @@ impl SocketArm {
         &mut self,
         until: Stamp,
         command: Option<&JointCommand<JOINTS>>,
-    ) -> Result<State, LockstepError> {
+    ) -> Result<ArmAnswer, LockstepError> {
         let (q, qd) = command.map_or((self.q, [0.0; JOINTS]), |command| (command.q, command.qd));
         let enabled = command.is_some_and(|command| command.enabled);
-        let told = Command { until, tick: self.tick, enabled, q, qd };
-        self.send(&told.encode())?;
+        let command = Command { until, tick: self.tick, enabled, q, qd };
+        self.send(&command.encode())?;
         let bytes = self.receive::<STATE>(Kind::State)?;
-        let state = State::decode(&bytes, &told, self.measured, self.hello.effort);
+        let state = ArmAnswer::decode(&bytes, &command, self.measured, self.hello.effort);
         let state = state.map_err(|error| self.wire(error))?;
         (self.q, self.measured, self.tick) = (q, state.stamp, self.tick + 1);
         Ok(state)
@@ -210,9 +185,9 @@ impl SocketArm {
 impl DeskArm for SocketArm {
     fn facts(&self) -> ArmFacts {
         let effort = match self.hello.effort {
-            EffortUnit::None => None,
-            EffortUnit::NewtonMetre => Some(contact::EffortUnit::NewtonMetres),
-            EffortUnit::Ampere => Some(contact::EffortUnit::Amperes),
+            ArmEffortUnit::None => None,
+            ArmEffortUnit::NewtonMetre => Some(contact::EffortUnit::NewtonMetres),
+            ArmEffortUnit::Ampere => Some(contact::EffortUnit::Amperes),
         };
         ArmFacts { group_delay_s: self.hello.group_delay_s, look_ahead_s: 0.0, servo: true, effort }
     }
@@ -223,7 +198,7 @@ impl DeskArm for SocketArm {
     }
 
     fn step(&mut self, until: Stamp, command: Option<&JointCommand<JOINTS>>) -> Result<Measured, ArmError> {
-        let State { stamp, q, qd, effort, motion_allowed, .. } = self.exchange(until, command)?;
+        let ArmAnswer { stamp, q, qd, effort, motion_allowed, .. } = self.exchange(until, command)?;
         Ok(Measured { stamp, q, qd, effort, motion_allowed })
     }
 }

@@ -34,11 +34,8 @@ const MOST_DELAY_S: f64 = 1.0;
 pub enum Kind {
     /// The law says who it is.
     LawHello = 1,
-    /// The arm does.
     ArmHello = 2,
-    /// A command.
     Command = 3,
-    /// A joint state.
     State = 4,
 }
 
@@ -59,12 +56,10 @@ impl Kind {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 #[repr(u32)]
-pub enum EffortUnit {
+pub enum ArmEffortUnit {
     /// It measures none; the numbers are ignored.
     None = 0,
-    /// Joint torques.
     NewtonMetre = 1,
-    /// Motor currents.
     Ampere = 2,
 }
 
@@ -86,8 +81,7 @@ pub struct ArmHello {
     pub rate_hz: f64,
     /// From command to motion at low frequency \[s\]; `None`: unknown, the settings' dead time holds.
     pub group_delay_s: Option<f64>,
-    /// Of every effort.
-    pub effort: EffortUnit,
+    pub effort: ArmEffortUnit,
     /// Where it stands, at rest \[rad\].
     pub q: [f64; JOINTS],
 }
@@ -109,7 +103,7 @@ pub struct Command {
 
 /// What the arm answers.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct State {
+pub struct ArmAnswer {
     /// When this was measured: never before the state before it, never after the command's `until`.
     pub stamp: Stamp,
     /// That of the command that it answers.
@@ -138,16 +132,10 @@ pub enum WireError {
     Version(u16),
     /// Another message.
     #[error("a message is of kind {found}, expected {expected} ({expected:?})", expected = *.expected as u16)]
-    Kind {
-        /// As sent.
-        found: u16,
-        /// What was due.
-        expected: Kind,
-    },
+    Kind { found: u16, expected: Kind },
     /// Another size.
     #[error("a message of kind {kind} says that it has {found} bytes, it must have {expected}")]
     Length {
-        /// Of which kind.
         kind: u16,
         /// As sent \[B\].
         found: u32,
@@ -160,11 +148,8 @@ pub enum WireError {
     /// A number out of its range.
     #[error("{field} is {value}, legal is {low} to {high}")]
     Range {
-        /// Which number.
         field: &'static str,
-        /// As sent.
         value: f64,
-        /// Its range.
         low: f64,
         /// See `low`.
         high: f64,
@@ -172,29 +157,18 @@ pub enum WireError {
     /// A joint's number out of its range.
     #[error("{field} of joint {joint} is {value}, legal is -{most} to {most}")]
     Joint {
-        /// Which number.
         field: &'static str,
         /// Base first, from 0.
         joint: usize,
-        /// As sent.
         value: f64,
-        /// Largest amount.
         most: f64,
     },
     /// An unknown unit or flag.
     #[error("{field} is {value}, legal is {legal}")]
-    Choice {
-        /// Which number.
-        field: &'static str,
-        /// As sent.
-        value: u32,
-        /// What is known.
-        legal: &'static str,
-    },
+    Choice { field: &'static str, value: u32, legal: &'static str },
     /// The answer to another command.
     #[error("a state answers command {found}, {expected} is due; send one state per command, in order")]
     Tick {
-        /// As sent.
         found: u64,
         /// That of the newest command.
         expected: u64,
@@ -217,12 +191,12 @@ pub enum WireError {
     },
 }
 
-struct Writer<const SIZE: usize> {
+struct FrameWriter<const SIZE: usize> {
     bytes: [u8; SIZE],
     at: usize,
 }
 
-impl<const SIZE: usize> Writer<SIZE> {
+impl<const SIZE: usize> FrameWriter<SIZE> {
     fn new(kind: Kind) -> Self {
         let mut out = Self { bytes: [0; SIZE], at: 0 };
         out.put(&MAGIC).put(&VERSION.to_le_bytes()).put(&(kind as u16).to_le_bytes());
@@ -231,8 +205,8 @@ impl<const SIZE: usize> Writer<SIZE> {
     }
 
     fn put(&mut self, bytes: &[u8]) -> &mut Self {
-        if let Some(place) = self.bytes.get_mut(self.at..self.at + bytes.len()) {
-            place.copy_from_slice(bytes);
+        if let Some(slot) = self.bytes.get_mut(self.at..self.at + bytes.len()) {
+            slot.copy_from_slice(bytes);
         }
         self.at += bytes.len();
         self
@@ -246,9 +220,9 @@ impl<const SIZE: usize> Writer<SIZE> {
     }
 }
 
-struct Reader<'a>(&'a [u8]);
+struct FrameReader<'a>(&'a [u8]);
 
-impl Reader<'_> {
+impl FrameReader<'_> {
     fn take<const SIZE: usize>(&mut self) -> [u8; SIZE] {
         // Sizes are checked before: nothing is ever short.
         let (head, rest) = self.0.split_at_checked(SIZE).unwrap_or((&[], &[]));
@@ -274,12 +248,12 @@ impl Reader<'_> {
 
     fn joints(&mut self, field: &'static str, most: f64) -> Result<[f64; JOINTS], WireError> {
         let mut all = [0.0; JOINTS];
-        for (joint, place) in all.iter_mut().enumerate() {
+        for (joint, slot) in all.iter_mut().enumerate() {
             let value = self.f64();
             if !(value.abs() <= most) {
                 return Err(WireError::Joint { field, joint, value, most });
             }
-            *place = value;
+            *slot = value;
         }
         Ok(all)
     }
@@ -294,7 +268,7 @@ fn range(field: &'static str, value: f64, [low, high]: [f64; 2]) -> Result<f64, 
 /// # Errors
 /// Anything but a message of this kind.
 pub fn check_header(header: &[u8; HEADER], expected: Kind) -> Result<(), WireError> {
-    let mut reader = Reader(header);
+    let mut reader = FrameReader(header);
     let magic = reader.take();
     if magic != MAGIC {
         return Err(WireError::Magic(magic));
@@ -316,18 +290,17 @@ pub fn check_header(header: &[u8; HEADER], expected: Kind) -> Result<(), WireErr
 }
 
 /// A message whole, without its header.
-fn body<'a, const SIZE: usize>(bytes: &'a [u8; SIZE], kind: Kind) -> Result<Reader<'a>, WireError> {
+fn body<'a, const SIZE: usize>(bytes: &'a [u8; SIZE], kind: Kind) -> Result<FrameReader<'a>, WireError> {
     let mut header = [0; HEADER];
     header.copy_from_slice(&bytes[..HEADER]);
     check_header(&header, kind)?;
-    Ok(Reader(&bytes[HEADER..]))
+    Ok(FrameReader(&bytes[HEADER..]))
 }
 
 impl LawHello {
-    /// As bytes.
     #[must_use]
     pub fn encode(&self) -> [u8; LAW_HELLO] {
-        let mut out = Writer::new(Kind::LawHello);
+        let mut out = FrameWriter::new(Kind::LawHello);
         out.put(&self.period_ns.to_le_bytes()).put(&self.begin.0.to_le_bytes()).floats(&self.home);
         out.bytes
     }
@@ -344,10 +317,9 @@ impl LawHello {
 }
 
 impl ArmHello {
-    /// As bytes.
     #[must_use]
     pub fn encode(&self) -> [u8; ARM_HELLO] {
-        let mut out = Writer::new(Kind::ArmHello);
+        let mut out = FrameWriter::new(Kind::ArmHello);
         out.floats(&[self.rate_hz, self.group_delay_s.unwrap_or(-1.0)]);
         out.put(&(self.effort as u32).to_le_bytes()).put(&[0; 4]).floats(&self.q);
         out.bytes
@@ -367,9 +339,9 @@ impl ArmHello {
             Some(range("the group delay [s] (-1: unknown)", delay, [0.0, MOST_DELAY_S])?)
         };
         let effort = match reader.u32() {
-            0 => EffortUnit::None,
-            1 => EffortUnit::NewtonMetre,
-            2 => EffortUnit::Ampere,
+            0 => ArmEffortUnit::None,
+            1 => ArmEffortUnit::NewtonMetre,
+            2 => ArmEffortUnit::Ampere,
             value => {
                 let legal = "0 (none), 1 (Nm) or 2 (A)";
                 return Err(WireError::Choice { field: "the effort unit", value, legal });
@@ -381,10 +353,9 @@ impl ArmHello {
 }
 
 impl Command {
-    /// As bytes.
     #[must_use]
     pub fn encode(&self) -> [u8; COMMAND] {
-        let mut out = Writer::new(Kind::Command);
+        let mut out = FrameWriter::new(Kind::Command);
         out.put(&self.until.0.to_le_bytes()).put(&self.tick.to_le_bytes());
         out.put(&u32::from(self.enabled).to_le_bytes()).put(&[0; 4]).floats(&self.q).floats(&self.qd);
         out.bytes
@@ -403,11 +374,11 @@ impl Command {
     }
 }
 
-impl State {
+impl ArmAnswer {
     /// As bytes, for peers in Rust.
     #[must_use]
     pub fn encode(&self) -> [u8; STATE] {
-        let mut out = Writer::new(Kind::State);
+        let mut out = FrameWriter::new(Kind::State);
         out.put(&self.stamp.0.to_le_bytes()).put(&self.tick.to_le_bytes());
         out.put(&u32::from(self.motion_allowed).to_le_bytes()).put(&[0; 4]);
         out.floats(&self.q).floats(&self.qd).floats(&self.effort);
@@ -423,7 +394,7 @@ impl State {
         bytes: &[u8; STATE],
         command: &Command,
         before: Stamp,
-        unit: EffortUnit,
+        unit: ArmEffortUnit,
     ) -> Result<Self, WireError> {
         let mut reader = body(bytes, Kind::State)?;
         let (stamp, tick) = (Stamp(reader.u64()), reader.u64());
@@ -439,13 +410,13 @@ impl State {
         let motion_allowed = flag(&mut reader)?;
         let (q, qd) = (reader.joints("q [rad]", MOST_RAD)?, reader.joints("q̇ [rad/s]", MOST_RADPS)?);
         let effort =
-            if unit == EffortUnit::None { [0.0; JOINTS] } else { reader.joints("the effort", 1e6)? };
+            if unit == ArmEffortUnit::None { [0.0; JOINTS] } else { reader.joints("the effort", 1e6)? };
         Ok(Self { stamp, tick, motion_allowed, q, qd, effort })
     }
 }
 
 /// Bit 0 of the flags, and four bytes of room behind them.
-fn flag(reader: &mut Reader<'_>) -> Result<bool, WireError> {
+fn flag(reader: &mut FrameReader<'_>) -> Result<bool, WireError> {
     let flags = reader.u32();
     reader.u32();
     if flags > 1 {

@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 
 use super::score::{Mean, median};
-use super::{Run, Sequence, Tally};
+use super::{CharacterSequence, Run, Tally};
 
 /// A sharper turn between two pieces of the resampled path is a corner, which is not curvy.
 const CORNER_RAD: f64 = std::f64::consts::FRAC_PI_3;
@@ -22,12 +22,9 @@ const PIECES: f64 = 6.0;
 /// Labels with fewer sequences are shown, but do not count in correlations.
 pub const MIN_SEQUENCES: usize = 5;
 
-/// One symbol.
 #[derive(Debug, Clone, Serialize)]
 pub struct LabelRow {
-    /// What was written.
     pub label: String,
-    /// How often.
     pub sequences: usize,
     /// Smooth turning per glyph height of path, mean over the sequences \[rad\].
     pub curviness: Option<f64>,
@@ -42,18 +39,16 @@ pub struct LabelRow {
 pub struct Correlation {
     /// The model that is expected to gain.
     pub favoured: String,
-    /// The other.
     pub against: String,
     /// Spearman's rank correlation over labels of curviness with ln(within of `against` / within of
     /// `favoured`).
     pub spearman: Option<f64>,
-    /// Labels in it.
     pub labels: usize,
 }
 
 /// Errors by symbol, most curvy first.
 #[must_use]
-pub fn by_label(sequences: &[Sequence], runs: &[Run]) -> Vec<LabelRow> {
+pub fn by_label(sequences: &[CharacterSequence], runs: &[Run]) -> Vec<LabelRow> {
     let height = glyph_height(sequences);
     let mut labels: BTreeMap<&str, Vec<usize>> = BTreeMap::new();
     for (index, sequence) in sequences.iter().enumerate() {
@@ -122,11 +117,11 @@ pub fn gains<'a>(
 
 /// Median height of the characters that have one \[raw units\], from their displacements.
 #[must_use]
-pub fn glyph_height(sequences: &[Sequence]) -> Option<f64> {
+pub fn glyph_height(sequences: &[CharacterSequence]) -> Option<f64> {
     median(sequences.iter().map(height_of).filter(|h| *h > 0.0))
 }
 
-fn height_of(sequence: &Sequence) -> f64 {
+fn height_of(sequence: &CharacterSequence) -> f64 {
     let (mut y, mut low, mut high) = (0.0_f64, 0.0_f64, 0.0_f64);
     for [_, dy] in &sequence.v {
         y += dy;
@@ -137,7 +132,7 @@ fn height_of(sequence: &Sequence) -> f64 {
 
 /// Smooth turning per glyph height of path \[rad\]; `None` for characters shorter than three pieces.
 #[must_use]
-pub fn curviness_of(sequence: &Sequence, glyph_height: f64) -> Option<f64> {
+pub fn curviness_of(sequence: &CharacterSequence, glyph_height: f64) -> Option<f64> {
     let piece = glyph_height / PIECES;
     if !(piece > 0.0 && piece.is_finite()) {
         return None;
@@ -194,10 +189,10 @@ fn ranks(values: Vec<f64>) -> Vec<f64> {
 mod tests {
     use super::*;
 
-    fn drawn(points: impl IntoIterator<Item = [f64; 2]>) -> Sequence {
+    fn drawn(points: impl IntoIterator<Item = [f64; 2]>) -> CharacterSequence {
         let points: Vec<[f64; 2]> = points.into_iter().collect();
         let v: Vec<[f64; 2]> = points.windows(2).map(|p| [p[1][0] - p[0][0], p[1][1] - p[0][1]]).collect();
-        Sequence {
+        CharacterSequence {
             file: String::new(),
             segment: 0,
             label: "x".to_owned(),

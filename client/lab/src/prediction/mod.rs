@@ -15,6 +15,8 @@ mod score;
 mod run;
 mod retrain;
 mod by_label;
+mod symbols;
+pub mod table;
 pub mod lead_time;
 
 pub use by_label::{
@@ -22,14 +24,15 @@ pub use by_label::{
 };
 pub use model::{Contestant, OnScoredSet, Online, Plain, constant_velocity, zero};
 pub use registry::{
-    Built, CONSTANT_VELOCITY, LSTM_FILE, LSTM_REFERENCE, Model, ModelError, Setting, names, order,
+    Built, CONSTANT_VELOCITY, LSTM_FILE, LSTM_REFERENCE, Model, RegistryError, Setting, names, order,
 };
 pub use retrain::{RetrainError, Retrained, TRAINABLE, retrain, retrain_epochs};
 pub use run::{ByLead, Lead, Row, Run, Scored, preview_all, run, score, train, work};
 pub use scaled::{RunningScale, Scaled};
 pub use score::{HORIZON, LEADS, Mean, Tally, median, share_below};
-pub use sequence::{PADDING_STEPS, Sequence, sequences};
+pub use sequence::{CharacterSequence, PADDING_STEPS, sequences};
 pub use set::Set;
+pub use symbols::SymbolAnalysis;
 
 #[cfg(test)]
 mod tests;

@@ -14,13 +14,13 @@ use super::registry::{REFERENCE_MOVING_RMS, REFERENCE_RMS, Setting, fitted};
 
 /// An LSTM with the reset rule it was trained by.
 #[derive(Debug, Clone)]
-struct Network {
+struct GatedLstm {
     lstm: Lstm,
     /// Longest input that continues a stroke \[units of its inputs\].
     longest: f64,
 }
 
-impl Contestant for Network {
+impl Contestant for GatedLstm {
     fn start_sequence(&mut self) {
         self.lstm.reset();
     }
@@ -44,7 +44,7 @@ pub(super) fn network(model: &LstmModel, setting: &Setting, notes: &mut Vec<Stri
     let gate = note("reset_beyond").and_then(|text| text.parse::<f64>().ok());
     let longest = gate.map_or(f64::INFINITY, |gate| gate * spec.input_scale);
     // The tables are compared to the last digits.
-    let network = Network { lstm: Lstm::exact(model.weights.clone()), longest };
+    let network = GatedLstm { lstm: Lstm::exact(model.weights.clone()), longest };
     let [trained, here] = [spec.step_ns as f64, setting.step_ns].map(|ns| ns * 1e-6);
     if !((here / trained - 1.0).abs() <= 0.01) {
         notes.push(format!("trained on steps of {trained:.4} ms, used on steps of {here:.4} ms"));

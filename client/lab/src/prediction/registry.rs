@@ -77,35 +77,24 @@ impl Setting {
 /// An unknown model, or one that cannot start.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
-pub enum ModelError {
+pub enum RegistryError {
     /// No model of that name.
     #[error("no model is called {name:?}; legal: {}, \
              {LSTM_FILE}FILE.safetensors{}", names().join(", "), PredictorKind::renamed(name))]
-    Unknown {
-        /// As given.
-        name: String,
-    },
+    Unknown { name: String },
     /// A name stands twice.
     #[error("model {name:?} is named twice; name each model once")]
-    Twice {
-        /// As given.
-        name: String,
-    },
+    Twice { name: String },
     /// Settings that the control law refuses.
     #[error("{model}: {error}")]
-    Refused {
-        /// Which model.
-        model: String,
-        /// Its reason.
-        error: ModelsError,
-    },
+    Refused { model: String, error: ModelsError },
     /// A network that cannot be loaded.
     #[error(transparent)]
     Network(#[from] models::ModelError),
 }
 
 #[derive(Debug, Clone, PartialEq)]
-enum Kind {
+enum ModelKind {
     Zero,
     ConstantVelocity,
     Dybm(OnScoredSet),
@@ -120,30 +109,30 @@ enum Kind {
     Retrained(Arc<LstmModel>, f64),
 }
 
-const TABLE: [(&str, Kind); 11] = [
-    ("hold", Kind::Zero),
-    (CONSTANT_VELOCITY, Kind::ConstantVelocity),
-    (LSTM_REFERENCE, Kind::Shipped),
-    ("lstm10", Kind::Shipped),
-    ("dybm-offline", Kind::Dybm(OnScoredSet::Frozen)),
-    ("dybm", Kind::Dybm(OnScoredSet::Learns)),
-    ("dybm-esn", Kind::DybmEsn),
-    ("ar-rls", Kind::ArRls),
-    ("lstm32", Kind::Shipped),
-    ("mixture", Kind::Mixture),
-    ("mixture-cold", Kind::MixtureCold),
+const TABLE: [(&str, ModelKind); 11] = [
+    ("hold", ModelKind::Zero),
+    (CONSTANT_VELOCITY, ModelKind::ConstantVelocity),
+    (LSTM_REFERENCE, ModelKind::Shipped),
+    ("lstm10", ModelKind::Shipped),
+    ("dybm-offline", ModelKind::Dybm(OnScoredSet::Frozen)),
+    ("dybm", ModelKind::Dybm(OnScoredSet::Learns)),
+    ("dybm-esn", ModelKind::DybmEsn),
+    ("ar-rls", ModelKind::ArRls),
+    ("lstm32", ModelKind::Shipped),
+    ("mixture", ModelKind::Mixture),
+    ("mixture-cold", ModelKind::MixtureCold),
 ];
 
 /// The rows of the table, then one for every other predictor that needs nothing but the pen.
-fn rows() -> impl Iterator<Item = (&'static str, Kind)> {
-    TABLE.into_iter().chain(others().map(|kind| (kind.name(), Kind::OfTheLoop(kind))))
+fn rows() -> impl Iterator<Item = (&'static str, ModelKind)> {
+    TABLE.into_iter().chain(others().map(|kind| (kind.name(), ModelKind::OfTheLoop(kind))))
 }
 
 /// A model by name.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Model {
     name: String,
-    kind: Kind,
+    kind: ModelKind,
 }
 
 /// A model ready to be scored, with notes for the reader.
@@ -159,7 +148,7 @@ pub fn order() -> Vec<&'static str> {
 #[must_use]
 pub fn names() -> Vec<&'static str> {
     // Networks that are not part of this build are no models of it.
-    let there = |(name, kind): &(&str, Kind)| *kind != Kind::Shipped || shipped(name).is_some();
+    let there = |(name, kind): &(&str, ModelKind)| *kind != ModelKind::Shipped || shipped(name).is_some();
     rows().filter(there).map(|(name, _)| name).collect()
 }
 
@@ -174,9 +163,9 @@ impl Model {
     ///
     /// # Errors
     /// No such model (the message lists the legal names), or a file that is not a network.
-    pub fn named(name: &str) -> Result<Self, ModelError> {
+    pub fn named(name: &str) -> Result<Self, RegistryError> {
         let kind = if let Some(file) = name.strip_prefix(LSTM_FILE) {
-            Some(Kind::File(Arc::new(LstmModel::load(Path::new(file))?)))
+            Some(ModelKind::File(Arc::new(LstmModel::load(Path::new(file))?)))
         } else if names().contains(&name) {
             rows().find(|(known, _)| *known == name).map(|(_, kind)| kind)
         } else {
@@ -185,7 +174,7 @@ impl Model {
         let name = name.to_owned();
         match kind {
             Some(kind) => Ok(Self { name, kind }),
-            None => Err(ModelError::Unknown { name }),
+            None => Err(RegistryError::Unknown { name }),
         }
     }
 
@@ -193,12 +182,12 @@ impl Model {
     ///
     /// # Errors
     /// As `named`, and a repeated name.
-    pub fn list(names: &str) -> Result<Vec<Self>, ModelError> {
+    pub fn list(names: &str) -> Result<Vec<Self>, RegistryError> {
         let mut models: Vec<Self> = Vec::new();
         for name in names.split(',').map(str::trim) {
             let model = Self::named(name)?;
             if models.iter().any(|m| m.name == model.name) {
-                return Err(ModelError::Twice { name: name.to_owned() });
+                return Err(RegistryError::Twice { name: name.to_owned() });
             }
             models.push(model);
         }
@@ -208,7 +197,7 @@ impl Model {
     /// A network that was trained just now, under `name`.
     #[must_use]
     pub fn retrained(name: &str, trained: &Retrained) -> Self {
-        let kind = Kind::Retrained(Arc::new(trained.model.clone()), trained.train_s_per_epoch);
+        let kind = ModelKind::Retrained(Arc::new(trained.model.clone()), trained.train_s_per_epoch);
         Self { name: name.to_owned(), kind }
     }
 
@@ -216,12 +205,11 @@ impl Model {
     #[must_use]
     pub fn train_s_per_epoch(&self) -> Option<f64> {
         match self.kind {
-            Kind::Retrained(_, seconds) => Some(seconds),
+            ModelKind::Retrained(_, seconds) => Some(seconds),
             _ => None,
         }
     }
 
-    /// Its name.
     #[must_use]
     pub fn name(&self) -> &str {
         &self.name
@@ -231,17 +219,17 @@ impl Model {
     #[must_use]
     pub fn passes(&self) -> usize {
         match self.kind {
-            Kind::Dybm(_) | Kind::DybmEsn => PASSES,
-            Kind::ArRls => 1,
+            ModelKind::Dybm(_) | ModelKind::DybmEsn => PASSES,
+            ModelKind::ArRls => 1,
             // It learns within a page of writing.
-            Kind::Zero
-            | Kind::ConstantVelocity
-            | Kind::Mixture
-            | Kind::MixtureCold
-            | Kind::OfTheLoop(_)
-            | Kind::Shipped
-            | Kind::File(_)
-            | Kind::Retrained(..) => 0,
+            ModelKind::Zero
+            | ModelKind::ConstantVelocity
+            | ModelKind::Mixture
+            | ModelKind::MixtureCold
+            | ModelKind::OfTheLoop(_)
+            | ModelKind::Shipped
+            | ModelKind::File(_)
+            | ModelKind::Retrained(..) => 0,
         }
     }
 
@@ -250,7 +238,10 @@ impl Model {
     pub fn needs_training(&self) -> bool {
         matches!(
             self.kind,
-            Kind::Dybm(OnScoredSet::Frozen) | Kind::Shipped | Kind::File(_) | Kind::Retrained(..)
+            ModelKind::Dybm(OnScoredSet::Frozen)
+                | ModelKind::Shipped
+                | ModelKind::File(_)
+                | ModelKind::Retrained(..)
         )
     }
 
@@ -258,49 +249,49 @@ impl Model {
     ///
     /// # Errors
     /// Settings or weights that the control law refuses.
-    pub fn build(&self, setting: &Setting) -> Result<Built, ModelError> {
+    pub fn build(&self, setting: &Setting) -> Result<Built, RegistryError> {
         let refused =
-            |error: WeightsError| ModelError::Refused { model: self.name.clone(), error: error.into() };
+            |error: WeightsError| RegistryError::Refused { model: self.name.clone(), error: error.into() };
         let mut notes: Vec<String> = Vec::new();
         if self.passes() > 0 && !setting.trained {
             notes.push("starts cold: no training passes were made before scoring".to_owned());
         }
         let learnable = LEARNABLE_RMS.contains(&setting.rms);
         let contestant: Box<dyn Contestant> = match &self.kind {
-            Kind::Zero => Box::new(zero()),
-            Kind::ConstantVelocity => Box::new(constant_velocity()),
-            Kind::Dybm(on_scored) => {
+            ModelKind::Zero => Box::new(zero()),
+            ModelKind::ConstantVelocity => Box::new(constant_velocity()),
+            ModelKind::Dybm(on_scored) => {
                 let model = Online::new(dybm().map_err(refused)?, *on_scored);
                 fitted(model, learnable, REFERENCE_MOVING_RMS, &mut notes)
             }
-            Kind::DybmEsn => {
+            ModelKind::DybmEsn => {
                 let model = Online::new(dybm_esn().map_err(refused)?, OnScoredSet::Learns);
                 fitted(model, learnable, REFERENCE_MOVING_RMS, &mut notes)
             }
-            Kind::ArRls => {
+            ModelKind::ArRls => {
                 let model = Online::new(ar_rls().map_err(refused)?, OnScoredSet::Learns);
                 fitted(model, setting.is_about(REFERENCE_RMS), REFERENCE_MOVING_RMS, &mut notes)
             }
-            Kind::Mixture => {
+            ModelKind::Mixture => {
                 let network = nearest(setting.step_ns)?;
                 notes.push(format!("builds on {}", network.file));
                 let model =
                     Online::new(mixture(Some(network.weights)).map_err(refused)?, OnScoredSet::Learns);
                 Box::new(Scaled::new(model, TARGET_RMS))
             }
-            Kind::MixtureCold => {
+            ModelKind::MixtureCold => {
                 let model = Online::new(mixture(None).map_err(refused)?, OnScoredSet::Learns);
                 Box::new(Scaled::new(model, TARGET_RMS))
             }
-            Kind::OfTheLoop(kind) => of_the_loop(*kind, setting.step_ns as u64)
-                .map_err(|error| ModelError::Refused { model: self.name.clone(), error })?,
-            Kind::Shipped => {
+            ModelKind::OfTheLoop(kind) => of_the_loop(*kind, setting.step_ns as u64)
+                .map_err(|error| RegistryError::Refused { model: self.name.clone(), error })?,
+            ModelKind::Shipped => {
                 let mut model = LstmModel::find(&self.name)?;
                 // The reference file has no such key.
                 model.notes.entry("units".to_owned()).or_insert_with(|| "raw".to_owned());
                 network(&model, setting, &mut notes)
             }
-            Kind::File(model) | Kind::Retrained(model, _) => network(model, setting, &mut notes),
+            ModelKind::File(model) | ModelKind::Retrained(model, _) => network(model, setting, &mut notes),
         };
         Ok((contestant, (!notes.is_empty()).then(|| notes.join("; "))))
     }

@@ -11,7 +11,7 @@ use foretrace_config::models::LstmModel;
 use foretrace_control::predict::LstmError;
 
 use super::Set;
-use crate::train::{Augment, Fit, FitError, Plan, Recipe, Setup, Strokes, corpus, model};
+use crate::train::{Augment, Fit, FitError, Recipe, Setup, Strokes, TrainPlan, corpus, model};
 
 /// The names that can be trained, with their cells.
 pub const TRAINABLE: [(&str, usize); 2] = [("lstm10", 10), ("lstm32", 32)];
@@ -19,22 +19,17 @@ pub const TRAINABLE: [(&str, usize); 2] = [("lstm10", 10), ("lstm32", 32)];
 /// A network and what an epoch of its training took.
 #[derive(Debug, Clone)]
 pub struct Retrained {
-    /// The network.
     pub model: LstmModel,
     /// Wall time of an epoch, mean \[s\].
     pub train_s_per_epoch: f64,
 }
 
-/// A failed training.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum RetrainError {
     /// Nothing to train on.
     #[error("{set} has no train part with motion in it; leave --train out, or give a set with one")]
-    Empty {
-        /// The set.
-        set: String,
-    },
+    Empty { set: String },
     /// It diverged.
     #[error(transparent)]
     Fit(#[from] FitError),
@@ -62,7 +57,7 @@ pub fn retrain(name: &str, cells: usize, set: &Set, done: &dyn Fn()) -> Result<R
         return Err(RetrainError::Empty { set: set.name.clone() });
     };
     let epochs = recipe.epochs(cells);
-    let plan = Plan {
+    let plan = TrainPlan {
         schedule: recipe.schedule(None),
         epochs,
         batch: recipe.batch(),

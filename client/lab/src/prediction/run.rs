@@ -6,15 +6,14 @@ use std::time::Instant;
 use serde::Serialize;
 
 use super::model::Contestant;
-use super::registry::{CONSTANT_VELOCITY, LSTM_REFERENCE, Model, ModelError, Setting};
+use super::registry::{CONSTANT_VELOCITY, LSTM_REFERENCE, Model, RegistryError, Setting};
 use super::score::{HORIZON, LEADS, Tally, median, share_below};
-use super::{Sequence, Set};
+use super::{CharacterSequence, Set};
 use crate::parallel;
 
 /// What a model did on a set.
 #[derive(Debug, Clone)]
 pub struct Run {
-    /// Its name.
     pub model: String,
     /// Errors per sequence, in the order of the set.
     pub tallies: Vec<Tally>,
@@ -33,7 +32,6 @@ impl Run {
         self.tallies.iter().map(|t| t.mse().unwrap_or(f64::NAN)).collect()
     }
 
-    /// All sequences together.
     #[must_use]
     pub fn pooled(&self) -> Tally {
         self.tallies.iter().fold(Tally::default(), |mut sum, tally| {
@@ -111,7 +109,7 @@ impl Row {
 ///
 /// # Errors
 /// A model that cannot be built for this set.
-pub fn score(models: &[Model], set: &Set, done: &(dyn Fn() + Sync)) -> Result<Scored, ModelError> {
+pub fn score(models: &[Model], set: &Set, done: &(dyn Fn() + Sync)) -> Result<Scored, RegistryError> {
     let jobs = with_references(models);
     let runs = parallel::map(&jobs, |model| run(model, set, done), || ());
     let runs: Vec<Run> = runs.into_iter().collect::<Result<_, _>>()?;
@@ -153,7 +151,7 @@ pub struct Scored {
 ///
 /// # Errors
 /// The model cannot be built for this set.
-pub fn run(model: &Model, set: &Set, done: &(dyn Fn() + Sync)) -> Result<Run, ModelError> {
+pub fn run(model: &Model, set: &Set, done: &(dyn Fn() + Sync)) -> Result<Run, RegistryError> {
     let (mut contestant, note) = model.build(&Setting::of(set))?;
     let passes = if set.cold { 0 } else { model.passes() };
     let train_s_per_epoch =
@@ -176,7 +174,7 @@ pub fn run(model: &Model, set: &Set, done: &(dyn Fn() + Sync)) -> Result<Run, Mo
 /// any.
 pub fn train(
     contestant: &mut dyn Contestant,
-    sequences: &[Sequence],
+    sequences: &[CharacterSequence],
     passes: usize,
     done: &(dyn Fn() + Sync),
 ) -> Option<f64> {
@@ -195,7 +193,7 @@ pub fn train(
 /// Walks through a sequence: `previews[t]` is made after v[0..=t]; the last step is observed, too.
 pub fn preview_all(
     contestant: &mut dyn Contestant,
-    sequence: &Sequence,
+    sequence: &CharacterSequence,
     previews: &mut Vec<[[f64; 2]; HORIZON]>,
 ) {
     previews.clear();

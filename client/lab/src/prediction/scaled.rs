@@ -101,7 +101,6 @@ mod tests {
     use crate::prediction::model::constant_velocity;
     use proptest::prelude::*;
 
-    /// Records its inputs.
     #[derive(Default)]
     struct Listener(Vec<[f64; 2]>);
 

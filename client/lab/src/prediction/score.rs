@@ -6,7 +6,7 @@
 //! Within-stroke leaves out jumps and the step after one; `rms_mm_10` counts windows v[t..=t+10] without a
 //! jump.
 
-use super::Sequence;
+use super::CharacterSequence;
 
 /// Steps that every model previews.
 pub const HORIZON: usize = 10;
@@ -17,20 +17,16 @@ pub const LEADS: [usize; 4] = [1, 2, 5, 10];
 /// A sum of squares and how many went into it.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Mean {
-    /// Sum.
     pub sum: f64,
-    /// Terms.
     pub count: u64,
 }
 
 impl Mean {
-    /// Adds one term.
     pub fn push(&mut self, value: f64) {
         self.sum += value;
         self.count += 1;
     }
 
-    /// Adds another sum.
     pub fn merge(&mut self, other: &Self) {
         self.sum += other.sum;
         self.count += other.count;
@@ -60,7 +56,7 @@ pub struct Tally {
 impl Tally {
     /// Scores the previews of one sequence: `previews[t]` was made after v[0..=t].
     #[must_use]
-    pub fn of(sequence: &Sequence, previews: &[[[f64; 2]; HORIZON]]) -> Self {
+    pub fn of(sequence: &CharacterSequence, previews: &[[[f64; 2]; HORIZON]]) -> Self {
         let mut tally = Self::default();
         let mut last_jump: Option<usize> = None;
         let next_jumps = next_jumps(&sequence.jump);
@@ -94,7 +90,6 @@ impl Tally {
         tally
     }
 
-    /// Adds another tally.
     pub fn merge(&mut self, other: &Self) {
         self.within.merge(&other.within);
         self.clean_mm2.merge(&other.clean_mm2);
@@ -156,8 +151,8 @@ mod tests {
     use super::*;
     use crate::prediction::{Plain, constant_velocity, preview_all, zero};
 
-    fn sequence(v: &[[f64; 2]], jumps: &[usize]) -> Sequence {
-        Sequence {
+    fn sequence(v: &[[f64; 2]], jumps: &[usize]) -> CharacterSequence {
+        CharacterSequence {
             file: "a".to_owned(),
             segment: 0,
             label: "x".to_owned(),
@@ -169,7 +164,7 @@ mod tests {
         }
     }
 
-    fn tally(contestant: &mut dyn crate::prediction::Contestant, sequence: &Sequence) -> Tally {
+    fn tally(contestant: &mut dyn crate::prediction::Contestant, sequence: &CharacterSequence) -> Tally {
         let mut previews = Vec::new();
         preview_all(contestant, sequence, &mut previews);
         Tally::of(sequence, &previews)
@@ -210,7 +205,7 @@ mod tests {
         // A jump at 12 spoils the windows t ..= t + 10 of t = 2 ..= 12; those of 0, 1 and 13 stay.
         let cut = tally(&mut zero(), &sequence(&steps, &[12]));
         assert_eq!((cut.clean_mm2.get(), cut.clean_mm2.count), (Some(200.0), 3));
-        let unknown = Sequence { units_per_m: None, ..sequence(&steps, &[]) };
+        let unknown = CharacterSequence { units_per_m: None, ..sequence(&steps, &[]) };
         assert_eq!(tally(&mut zero(), &unknown).clean_mm2.get(), None);
     }
 

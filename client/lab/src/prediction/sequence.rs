@@ -12,12 +12,11 @@ pub const PADDING_STEPS: usize = 5;
 
 /// One character as a sequence of displacements.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Sequence {
+pub struct CharacterSequence {
     /// File as the set's `split.tsv` writes it.
     pub file: String,
     /// The n-th character of that file, from 0.
     pub segment: usize,
-    /// What was written.
     pub label: String,
     /// Displacements \[raw units per sample\], T x 2, the appended zeros included.
     pub v: Vec<[f64; 2]>,
@@ -31,7 +30,7 @@ pub struct Sequence {
     pub units_per_m: Option<[f64; 2]>,
 }
 
-impl Sequence {
+impl CharacterSequence {
     /// The sequence of one character of `file`, or `None` without pen-down points.
     #[must_use]
     pub fn of(file: &SetFile, character: &Character) -> Option<Self> {
@@ -72,10 +71,10 @@ impl Sequence {
 
 /// The sequences of a set, in the order of its table and files.
 #[must_use]
-pub fn sequences(set: &DataSet) -> Vec<Sequence> {
+pub fn sequences(set: &DataSet) -> Vec<CharacterSequence> {
     set.files
         .iter()
-        .flat_map(|file| file.recording.segments.iter().filter_map(move |c| Sequence::of(file, c)))
+        .flat_map(|file| file.recording.segments.iter().filter_map(move |c| CharacterSequence::of(file, c)))
         .collect()
 }
 

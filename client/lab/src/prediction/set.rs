@@ -4,7 +4,7 @@ use std::path::Path;
 
 use foretrace_sim::data::{DataSet, SetError, Split};
 
-use super::{Sequence, sequences};
+use super::{CharacterSequence, sequences};
 
 /// Scored and train sequences of one data set.
 #[derive(Debug, Clone)]
@@ -13,10 +13,9 @@ pub struct Set {
     pub name: String,
     /// Which part is scored, as chosen.
     pub split: String,
-    /// Sequences to score.
-    pub scored: Vec<Sequence>,
+    pub scored: Vec<CharacterSequence>,
     /// Sequences for training passes; empty where the set has none or the scored ones are among them.
-    pub train: Vec<Sequence>,
+    pub train: Vec<CharacterSequence>,
     /// Models that learn online start without training passes.
     pub cold: bool,
     /// Files that were left out, with reasons.

@@ -5,7 +5,6 @@
 
 use super::real::Real;
 
-/// Settings of Adam.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AdamSettings {
     /// Decay of the mean gradient.
@@ -22,7 +21,6 @@ impl Default for AdamSettings {
     }
 }
 
-/// Adam's memory.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Adam<F> {
     settings: AdamSettings,
@@ -61,15 +59,12 @@ impl<F: Real> Adam<F> {
 /// Learning rate over a whole training.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Schedule {
-    /// The same throughout.
     Constant {
-        /// Adam's rate.
         rate: f64,
     },
     /// Up along a cosine from peak/25, then down along another to peak/25e4 (Smith 2017, PyTorch's
     /// `OneCycleLR`).
     OneCycle {
-        /// Highest rate.
         peak: f64,
         /// Share of the steps until the peak, in (0, 1).
         warm_up: f64,

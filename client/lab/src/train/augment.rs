@@ -1,6 +1,6 @@
 //! Changed copies of the sequences, new in each epoch: other devices, other hands.
 //!
-//! Contract: drawn from the seed, the epoch and the sequence's place alone. Everything off changes nothing,
+//! Contract: drawn from the seed, the epoch and the sequence's index alone. Everything off changes nothing,
 //! bit for bit. Order: rate (decimation or stretching of time), smoothing, rotation and shear, size, noise,
 //! the device's grid.
 
@@ -74,7 +74,6 @@ impl FromStr for Augment {
 }
 
 impl Augment {
-    /// Nothing is changed.
     #[must_use]
     pub fn is_off(&self) -> bool {
         *self == Self::default()

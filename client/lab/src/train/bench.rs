@@ -15,7 +15,6 @@ use super::corpus::{Strokes, rms};
 use super::engine::{Engine, Setup};
 use super::recipe::Recipe;
 
-/// Adam's rate.
 const RATE: f64 = 1e-3;
 
 /// A measured training, repeatable from its own numbers.
@@ -25,7 +24,6 @@ pub struct Bench {
     pub cells: usize,
     /// Sequences per step of Adam.
     pub batch: usize,
-    /// Adam's rate.
     pub rate: f64,
     /// Real steps per epoch.
     pub steps: usize,

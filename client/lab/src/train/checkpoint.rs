@@ -12,7 +12,7 @@ use foretrace_config::models::{Container, DType, container_bytes};
 
 use super::adam::{Adam, AdamSettings};
 use super::engine::Scores;
-use super::fit::{Epoch, State};
+use super::fit::{Epoch, TrainState};
 
 /// Longest checkpoint \[bytes\]: four times the largest network that is loaded.
 const LONGEST: u64 = 64 << 20;
@@ -22,42 +22,23 @@ const LONGEST: u64 = 64 << 20;
 pub enum CheckpointError {
     /// The file system refused.
     #[error("{file}: cannot {what}: {why}")]
-    File {
-        /// The checkpoint.
-        file: String,
-        /// Read or write.
-        what: &'static str,
-        /// The system's reason.
-        why: String,
-    },
+    File { file: String, what: &'static str, why: String },
     /// Not a checkpoint, or a damaged one.
     #[error("{file}: not a checkpoint of a training ({why}); remove it and start again without --resume")]
-    Damaged {
-        /// The checkpoint.
-        file: String,
-        /// What is wrong.
-        why: String,
-    },
+    Damaged { file: String, why: String },
     /// Made with other options or data.
     #[error(
         "{file}: was made with other options or data ({found}, now {wanted}); give the same ones, or start \
          again without --resume"
     )]
-    Different {
-        /// The checkpoint.
-        file: String,
-        /// Described there.
-        found: String,
-        /// Described now.
-        wanted: String,
-    },
+    Different { file: String, found: String, wanted: String },
 }
 
 /// Writes `state` of the training described by `plan`.
 ///
 /// # Errors
 /// [`CheckpointError::File`]; what stood there before is untouched then.
-pub fn save(file: &Path, plan: &str, state: &State) -> Result<(), CheckpointError> {
+pub fn save(file: &Path, plan: &str, state: &TrainState) -> Result<(), CheckpointError> {
     let wide = |values: &[f32]| -> Vec<f64> { values.iter().map(|&x| f64::from(x)).collect() };
     let mut metadata = BTreeMap::from([
         ("plan".to_owned(), plan.to_owned()),
@@ -89,7 +70,7 @@ pub fn save(file: &Path, plan: &str, state: &State) -> Result<(), CheckpointErro
 ///
 /// # Errors
 /// [`CheckpointError`]: unreadable, damaged, or of another training.
-pub fn load(file: &Path, plan: &str, count: usize) -> Result<State, CheckpointError> {
+pub fn load(file: &Path, plan: &str, count: usize) -> Result<TrainState, CheckpointError> {
     let name = file.display().to_string();
     let bytes = read_regular(file, LONGEST).map_err(|error| CheckpointError::File {
         file: name.clone(),
@@ -126,7 +107,7 @@ pub fn load(file: &Path, plan: &str, count: usize) -> Result<State, CheckpointEr
     let mut adam = Adam::new(AdamSettings::default(), count);
     (adam.step, adam.mean, adam.square) =
         (number("adam.step")?, tensor("adam.mean")?, tensor("adam.square")?);
-    Ok(State { parameters: tensor("parameters")?, adam, history, best })
+    Ok(TrainState { parameters: tensor("parameters")?, adam, history, best })
 }
 
 /// One epoch as a line of hexadecimal numbers.

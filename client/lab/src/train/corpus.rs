@@ -13,7 +13,7 @@ use rand::seq::SliceRandom as _;
 use rand_pcg::Pcg64;
 
 use super::resample;
-use crate::prediction::{PADDING_STEPS, Sequence};
+use crate::prediction::{CharacterSequence, PADDING_STEPS};
 
 /// Rates that differ by no more than this part are the same: devices' clocks and estimates from stamps are no
 /// better.
@@ -73,7 +73,6 @@ pub enum Units {
 /// A sequence and where it comes from.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Item {
-    /// The displacements.
     pub strokes: Strokes,
     /// The writer, with the set's name in front.
     pub writer: String,
@@ -124,7 +123,7 @@ pub enum CorpusError {
 #[must_use]
 pub fn items(set: &DataSet) -> Vec<Item> {
     let of = |file, character: &foretrace_sim::data::Character| {
-        let sequence = Sequence::of(file, character)?;
+        let sequence = CharacterSequence::of(file, character)?;
         Some(Item {
             writer: format!("{}/{}", set.name, character.writer),
             rate_hz: sequence.rate_hz,

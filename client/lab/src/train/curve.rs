@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use foretrace_sim::plot::{Line, Mark, Panel, PlotError, panels};
+use foretrace_sim::plot::{ChartPanel, Line, Mark, PlotError, panels};
 
 use super::fit::Epoch;
 
@@ -22,9 +22,9 @@ pub fn curve(file: &Path, title: &str, subtitle: &str, history: &[Epoch]) -> Res
     let losses = [line("train", &train), line("held-out writers", &held_out)];
     let errors = [line("held-out writers", &within)];
     let shown = if held_out.is_empty() { &losses[..1] } else { &losses[..] };
-    let mut charts = vec![Panel { y_label: "loss", y_range: None, lines: shown }];
+    let mut charts = vec![ChartPanel { y_label: "loss", y_range: None, lines: shown }];
     if !within.is_empty() {
-        charts.push(Panel { y_label: "within-stroke MSE", y_range: None, lines: &errors });
+        charts.push(ChartPanel { y_label: "within-stroke MSE", y_range: None, lines: &errors });
     }
     panels(file, title, subtitle, "epoch", &charts, None)
 }

@@ -10,17 +10,15 @@ use std::thread::JoinHandle;
 use multiversion::multiversion;
 
 use super::corpus::Strokes;
-use super::group::Group;
+use super::group::LaneGroup;
 use super::loss::{Objective, Padding, PreparedLoss};
-use super::parameters::{Network, Packed, PackedGradient};
+use super::parameters::{LstmNetwork, PackedGradient, PackedWeights};
 use super::real::{LANES, Real};
 
 /// The parts of a training that are the same for each batch.
 #[derive(Debug, Clone)]
 pub struct Setup {
-    /// The network.
-    pub network: Network,
-    /// What is minimised.
+    pub network: LstmNetwork,
     pub objective: Objective,
     /// Raw displacements are divided by this.
     pub scale: f64,
@@ -41,14 +39,14 @@ pub struct Scores {
 
 /// Sums behind [`Scores`] and a gradient.
 #[derive(Debug, Clone, Copy, Default)]
-struct Sums {
+struct ScoreSums {
     loss: f64,
     weight: f64,
     squares: [f64; 3],
     counts: [f64; 3],
 }
 
-impl Sums {
+impl ScoreSums {
     fn add(&mut self, other: &Self) {
         self.loss += other.loss;
         self.weight += other.weight;
@@ -60,29 +58,28 @@ impl Sums {
 }
 
 /// One group's share of a batch.
-struct Job<F> {
+struct GroupJob<F> {
     corpus: Arc<Vec<Strokes>>,
     lanes: Vec<usize>,
     longest: usize,
-    packed: Arc<Packed<F>>,
+    packed: Arc<PackedWeights<F>>,
     /// Takes the gradient; `None`: scores only.
     gradient: Option<PackedGradient<F>>,
-    place: usize,
+    index: usize,
 }
 
 struct Done<F> {
-    place: usize,
-    sums: Sums,
+    index: usize,
+    sums: ScoreSums,
     gradient: Option<PackedGradient<F>>,
 }
 
-/// One thread's tools.
 struct Worker<F> {
     setup: Arc<Setup>,
     /// The objective as scores use it.
     masked: Objective,
     loss: PreparedLoss<F>,
-    group: Group<F>,
+    group: LaneGroup<F>,
 }
 
 impl<F: Real> Worker<F> {
@@ -91,16 +88,16 @@ impl<F: Real> Worker<F> {
             setup: setup.clone(),
             masked: Objective { padding: Padding::Masked, ..setup.objective.clone() },
             loss: setup.objective.prepared(),
-            group: Group::new(setup.network.shape),
+            group: LaneGroup::new(setup.network.shape),
         }
     }
 
-    fn work(&mut self, mut job: Job<F>) -> Done<F> {
+    fn work(&mut self, mut job: GroupJob<F>) -> Done<F> {
         let Setup { network, objective, scale } = &*self.setup;
         let lanes: Vec<&Strokes> = job.lanes.iter().filter_map(|&i| job.corpus.get(i)).collect();
         let objective = if job.gradient.is_some() { objective } else { &self.masked };
         let weight = self.group.load(network, objective, *scale, &lanes, job.longest);
-        let mut sums = Sums { weight, ..Sums::default() };
+        let mut sums = ScoreSums { weight, ..ScoreSums::default() };
         if let Some(gradient) = &mut job.gradient {
             gradient.clear();
             sums.loss = descend(&mut self.group, network, &job.packed, &self.loss, gradient);
@@ -109,10 +106,10 @@ impl<F: Real> Worker<F> {
             self.add_errors(&lanes, &mut sums);
             sums.loss = self.group.score(&self.loss);
         }
-        Done { place: job.place, sums, gradient: job.gradient }
+        Done { index: job.index, sums, gradient: job.gradient }
     }
 
-    fn add_errors(&self, lanes: &[&Strokes], sums: &mut Sums) {
+    fn add_errors(&self, lanes: &[&Strokes], sums: &mut ScoreSums) {
         let scale = self.setup.scale;
         let leads = self.setup.network.shape.leads;
         let square = |p: [f64; 2], q: [f64; 2]| (p[0] * scale - q[0]).powi(2) + (p[1] * scale - q[1]).powi(2);
@@ -143,9 +140,9 @@ impl<F: Real> Worker<F> {
 
 #[multiversion(targets("x86_64+avx+avx2+bmi1+bmi2+lzcnt+popcnt"))]
 fn descend<F: Real>(
-    group: &mut Group<F>,
-    network: &Network,
-    packed: &Packed<F>,
+    group: &mut LaneGroup<F>,
+    network: &LstmNetwork,
+    packed: &PackedWeights<F>,
     loss: &PreparedLoss<F>,
     gradient: &mut PackedGradient<F>,
 ) -> f64 {
@@ -156,7 +153,7 @@ fn descend<F: Real>(
 }
 
 #[multiversion(targets("x86_64+avx+avx2+bmi1+bmi2+lzcnt+popcnt"))]
-fn run<F: Real>(group: &mut Group<F>, network: &Network, packed: &Packed<F>) {
+fn run<F: Real>(group: &mut LaneGroup<F>, network: &LstmNetwork, packed: &PackedWeights<F>) {
     group.forward(network, packed);
 }
 
@@ -164,9 +161,9 @@ fn run<F: Real>(group: &mut Group<F>, network: &Network, packed: &Packed<F>) {
 pub struct Engine<F> {
     setup: Arc<Setup>,
     own: Worker<F>,
-    helpers: Vec<(Sender<Job<F>>, JoinHandle<()>)>,
+    helpers: Vec<(Sender<GroupJob<F>>, JoinHandle<()>)>,
     results: Receiver<Done<F>>,
-    packed: Arc<Packed<F>>,
+    packed: Arc<PackedWeights<F>>,
     spare: Vec<PackedGradient<F>>,
 }
 
@@ -178,7 +175,7 @@ impl<F: Real> Engine<F> {
         let (sender, results) = channel();
         let helpers = (1..threads.max(1))
             .map(|_| {
-                let (jobs, inbox) = channel::<Job<F>>();
+                let (jobs, inbox) = channel::<GroupJob<F>>();
                 let (mut worker, results) = (Worker::new(&setup), sender.clone());
                 let thread = std::thread::spawn(move || {
                     for job in inbox {
@@ -192,7 +189,7 @@ impl<F: Real> Engine<F> {
             })
             .collect();
         let own = Worker::new(&setup);
-        Self { setup, own, helpers, results, packed: Arc::new(Packed::default()), spare: Vec::new() }
+        Self { setup, own, helpers, results, packed: Arc::new(PackedWeights::default()), spare: Vec::new() }
     }
 
     /// The setup it was made for.
@@ -211,7 +208,7 @@ impl<F: Real> Engine<F> {
     ) -> f64 {
         let done = self.share_out(parameters, corpus, batch, true);
         gradient.fill(F::default());
-        let mut sums = Sums::default();
+        let mut sums = ScoreSums::default();
         for part in done {
             sums.add(&part.sums);
             if let Some(part) = part.gradient {
@@ -229,7 +226,7 @@ impl<F: Real> Engine<F> {
 
     /// Scores over the sequences `chosen` of `corpus`; no gradient.
     pub fn scores(&mut self, parameters: &[F], corpus: &Arc<Vec<Strokes>>, chosen: &[usize]) -> Scores {
-        let mut sums = Sums::default();
+        let mut sums = ScoreSums::default();
         for part in self.share_out(parameters, corpus, chosen, false) {
             sums.add(&part.sums);
         }
@@ -258,19 +255,19 @@ impl<F: Real> Engine<F> {
         let mut done: Vec<Option<Done<F>>> = Vec::new();
         let mut own = Vec::new();
         let mut away = 0;
-        for (place, lanes) in order.chunks(LANES).enumerate() {
+        for (index, lanes) in order.chunks(LANES).enumerate() {
             let shape = self.setup.network.shape;
-            let job = Job {
+            let job = GroupJob {
                 corpus: corpus.clone(),
                 lanes: lanes.to_vec(),
                 longest,
                 packed: self.packed.clone(),
                 gradient: with_gradient
                     .then(|| self.spare.pop().unwrap_or_else(|| PackedGradient::zero(shape))),
-                place,
+                index,
             };
             done.push(None);
-            match place.checked_rem(self.helpers.len() + 1) {
+            match index.checked_rem(self.helpers.len() + 1) {
                 Some(turn @ 1..) => match self.helpers[turn - 1].0.send(job) {
                     Ok(()) => away += 1,
                     Err(back) => own.push(back.0),
@@ -280,12 +277,12 @@ impl<F: Real> Engine<F> {
         }
         for job in own {
             let part = self.own.work(job);
-            let place = part.place;
-            done[place] = Some(part);
+            let index = part.index;
+            done[index] = Some(part);
         }
         for part in self.results.iter().take(away) {
-            let place = part.place;
-            done[place] = Some(part);
+            let index = part.index;
+            done[index] = Some(part);
         }
         done.into_iter().flatten().collect()
     }

@@ -1,6 +1,6 @@
 //! A whole training: epochs, held-out scores, the best parameters so far.
 //!
-//! Contract: everything random is drawn from (seed, epoch, place), so a training continued from any epoch is
+//! Contract: everything random is drawn from (seed, epoch, index), so a training continued from any epoch is
 //! the same bit for bit as one that was never interrupted. After a diverged epoch the state is that before
 //! it.
 
@@ -18,7 +18,7 @@ use super::engine::{Engine, Scores, Setup};
 
 /// How a network is trained.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Plan {
+pub struct TrainPlan {
     /// Learning rate over the steps.
     pub schedule: Schedule,
     /// Passes over the train sequences.
@@ -27,7 +27,6 @@ pub struct Plan {
     pub batch: usize,
     /// Decides start, order and augmentation.
     pub seed: u64,
-    /// Longest gradient.
     pub limit_norm: Option<f64>,
     /// Changed copies of the sequences.
     pub augment: Augment,
@@ -37,7 +36,6 @@ pub struct Plan {
     pub patience: Option<usize>,
 }
 
-/// One epoch's numbers.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Epoch {
     /// Rate of its last step.
@@ -50,15 +48,51 @@ pub struct Epoch {
 
 /// Everything that a training continues from.
 #[derive(Debug, Clone, PartialEq)]
-pub struct State {
-    /// Parameters now.
+pub struct TrainState {
     pub parameters: Vec<f32>,
-    /// The optimiser's memory.
     pub adam: Adam<f32>,
     /// Finished epochs, in order.
     pub history: Vec<Epoch>,
     /// Epoch (from 0) and parameters with the smallest held-out loss.
     pub best: Option<(usize, Vec<f32>)>,
+}
+
+impl TrainState {
+    /// Before the first epoch.
+    pub(super) fn new(parameters: Vec<f32>) -> Self {
+        let adam = Adam::new(AdamSettings::default(), parameters.len());
+        Self { parameters, adam, history: Vec::new(), best: None }
+    }
+
+    /// The best parameters with their epoch, counted from 0; without a held-out set the newest.
+    pub(super) fn outcome(&self) -> (usize, &[f32]) {
+        match &self.best {
+            Some((epoch, parameters)) => (*epoch, parameters),
+            None => (self.history.len().saturating_sub(1), &self.parameters),
+        }
+    }
+
+    /// Takes over an epoch with what it left.
+    pub(super) fn conclude(&mut self, epoch: Epoch, parameters: Vec<f32>, adam: Adam<f32>) -> Epoch {
+        if let Some(scores) = epoch.held_out {
+            let best = self.best.as_ref().and_then(|(epoch, _)| self.history[*epoch].held_out);
+            if best.is_none_or(|best| scores.loss < best.loss) {
+                self.best = Some((self.history.len(), parameters.clone()));
+            }
+        }
+        self.history.push(epoch);
+        self.parameters = parameters;
+        self.adam = adam;
+        epoch
+    }
+}
+
+/// A parameter that is not finite after epoch `number`, counted from 0, is a diverged training.
+pub(super) fn check_finite(parameters: &[f32], number: usize) -> Result<(), FitError> {
+    match parameters.iter().find(|p| !p.is_finite()) {
+        Some(wrong) => Err(FitError::Diverged { epoch: number + 1, loss: f64::from(*wrong) }),
+        None => Ok(()),
+    }
 }
 
 /// Why an epoch did not end well.
@@ -82,37 +116,33 @@ pub enum FitError {
 
 /// A training under way.
 pub struct Fit {
-    plan: Plan,
+    plan: TrainPlan,
     engine: Engine<f32>,
     train: Arc<Vec<Strokes>>,
     held_out: Arc<Vec<Strokes>>,
-    state: State,
+    state: TrainState,
 }
 
 impl Fit {
     /// Before the first epoch, or where `state` left off.
     #[must_use]
     pub fn new(
-        plan: Plan,
+        plan: TrainPlan,
         setup: Setup,
         (train, held_out): (Vec<Strokes>, Vec<Strokes>),
         threads: usize,
-        state: Option<State>,
+        state: Option<TrainState>,
     ) -> Self {
         let shape = setup.network.shape;
-        let state = state.unwrap_or_else(|| State {
-            parameters: shape.initial(&mut Pcg64::seed_from_u64(plan.seed)),
-            adam: Adam::new(AdamSettings::default(), shape.count()),
-            history: Vec::new(),
-            best: None,
-        });
+        let state =
+            state.unwrap_or_else(|| TrainState::new(shape.initial(&mut Pcg64::seed_from_u64(plan.seed))));
         let engine = Engine::new(setup, threads);
         Self { plan, engine, train: Arc::new(train), held_out: Arc::new(held_out), state }
     }
 
     /// What the training would continue from.
     #[must_use]
-    pub fn state(&self) -> &State {
+    pub fn state(&self) -> &TrainState {
         &self.state
     }
 
@@ -128,10 +158,7 @@ impl Fit {
     /// last.
     #[must_use]
     pub fn outcome(&self) -> (usize, &[f32]) {
-        match &self.state.best {
-            Some((epoch, parameters)) => (*epoch, parameters),
-            None => (self.state.history.len().saturating_sub(1), &self.state.parameters),
-        }
+        self.state.outcome()
     }
 
     /// Real steps of one epoch, augmentation aside.
@@ -176,42 +203,30 @@ impl Fit {
                 return Err(FitError::Interrupted);
             }
         }
-        if let Some(wrong) = parameters.iter().find(|p| !p.is_finite()) {
-            return Err(FitError::Diverged { epoch: number + 1, loss: f64::from(*wrong) });
-        }
+        check_finite(&parameters, number)?;
         let all: Vec<usize> = (0..self.held_out.len()).collect();
         let held_out = (!all.is_empty()).then(|| self.engine.scores(&parameters, &self.held_out, &all));
         let train_loss = losses / self.batches_per_epoch().max(1) as f64;
-        let epoch = Epoch { rate, train_loss, held_out };
-        if let Some(scores) = held_out {
-            let best = self.state.best.as_ref().and_then(|(epoch, _)| self.state.history[*epoch].held_out);
-            if best.is_none_or(|best| scores.loss < best.loss) {
-                self.state.best = Some((number, parameters.clone()));
-            }
-        }
-        self.state.history.push(epoch);
-        self.state.parameters = parameters;
-        self.state.adam = adam;
-        Ok(epoch)
+        Ok(self.state.conclude(Epoch { rate, train_loss, held_out }, parameters, adam))
     }
 
     /// This epoch's copies of the train sequences.
     fn augmented(&self, epoch: usize) -> Arc<Vec<Strokes>> {
-        let Plan { augment, keep_speed, seed, .. } = &self.plan;
+        let TrainPlan { augment, keep_speed, seed, .. } = &self.plan;
         if augment.is_off() {
             return self.train.clone();
         }
         let unit = self.engine.setup().scale;
-        let changed = self.train.iter().enumerate().map(|(place, strokes)| {
-            augment.apply(strokes, unit, *keep_speed, mixed(*seed, epoch as u64 + 1, place as u64))
+        let changed = self.train.iter().enumerate().map(|(index, strokes)| {
+            augment.apply(strokes, unit, *keep_speed, mixed(*seed, epoch as u64 + 1, index as u64))
         });
         Arc::new(changed.collect())
     }
 }
 
-/// A seed of its own for each (epoch, place): three rounds of SplitMix64's finaliser.
-pub(super) fn mixed(seed: u64, epoch: u64, place: u64) -> u64 {
-    [epoch, place].into_iter().fold(stirred(seed), |state, word| stirred(state ^ stirred(word)))
+/// A seed of its own for each (epoch, index): three rounds of SplitMix64's finaliser.
+pub(super) fn mixed(seed: u64, epoch: u64, index: u64) -> u64 {
+    [epoch, index].into_iter().fold(stirred(seed), |state, word| stirred(state ^ stirred(word)))
 }
 
 fn stirred(word: u64) -> u64 {

@@ -8,40 +8,40 @@ use foretrace_control::predict::models::activation::{sigmoid, tanh};
 
 use super::corpus::Strokes;
 use super::loss::{Objective, Padding, PreparedLoss};
-use super::parameters::{Network, Packed, PackedGradient, Shape};
-use super::real::{LANES, Lanes, Real};
+use super::parameters::{LstmNetwork, LstmShape, PackedGradient, PackedWeights};
+use super::real::{EightLanes, LANES, Real};
 
 /// Up to eight sequences and the activations of their steps for the backward pass.
 #[derive(Debug, Clone)]
-pub(super) struct Group<F> {
-    shape: Shape,
+pub(super) struct LaneGroup<F> {
+    shape: LstmShape,
     /// Steps that are run: all but the last one of the longest lane.
     steps: usize,
     /// Displacements \[input scales\] as recorded, steps + 1 x 2: the targets.
-    real: Vec<Lanes<F>>,
+    real: Vec<EightLanes<F>>,
     /// 0 where the state is forgotten before the step, else 1.
-    keep: Vec<Lanes<F>>,
+    keep: Vec<EightLanes<F>>,
     /// Leads to score after each step.
     horizon: Vec<[u16; LANES]>,
     /// Steps x (3 + H): cut input x, y, then 1, then the state h that the step starts from.
-    input: Vec<Lanes<F>>,
+    input: Vec<EightLanes<F>>,
     /// Steps x 4H: activated gates, in the backward pass the derivatives of their arguments; `[cell][gate]`.
-    gates: Vec<Lanes<F>>,
+    gates: Vec<EightLanes<F>>,
     /// Steps + 1 x H: cell state before each step, last after the last.
-    cell: Vec<Lanes<F>>,
+    cell: Vec<EightLanes<F>>,
     /// Steps x H: tanh of the cell state after the step.
-    squashed: Vec<Lanes<F>>,
+    squashed: Vec<EightLanes<F>>,
     /// Steps x (1 + H): 1, then h after the step.
-    output: Vec<Lanes<F>>,
+    output: Vec<EightLanes<F>>,
     /// Steps x 2K: predictions, in the backward pass the loss's derivatives.
-    y: Vec<Lanes<F>>,
+    y: Vec<EightLanes<F>>,
     /// Derivatives carried from step to step, by h and by the cell state; a whole number of blocks of four.
-    by_h: Vec<Lanes<F>>,
-    by_cell: Vec<Lanes<F>>,
+    by_h: Vec<EightLanes<F>>,
+    by_cell: Vec<EightLanes<F>>,
 }
 
-impl<F: Real> Group<F> {
-    pub(super) fn new(shape: Shape) -> Self {
+impl<F: Real> LaneGroup<F> {
+    pub(super) fn new(shape: LstmShape) -> Self {
         let padded = shape.cells.next_multiple_of(4);
         Self {
             shape,
@@ -55,8 +55,8 @@ impl<F: Real> Group<F> {
             squashed: Vec::new(),
             output: Vec::new(),
             y: Vec::new(),
-            by_h: vec![Lanes::default(); padded],
-            by_cell: vec![Lanes::default(); padded],
+            by_h: vec![EightLanes::default(); padded],
+            by_cell: vec![EightLanes::default(); padded],
         }
     }
 
@@ -66,7 +66,7 @@ impl<F: Real> Group<F> {
     /// Returns the weight of this group's targets in the batch's mean.
     pub(super) fn load(
         &mut self,
-        network: &Network,
+        network: &LstmNetwork,
         objective: &Objective,
         scale: f64,
         lanes: &[&Strokes],
@@ -77,11 +77,11 @@ impl<F: Real> Group<F> {
         let length = if counted { longest } else { own };
         self.steps = length.saturating_sub(1);
         let inputs = self.shape.cells + 3;
-        let zero = Lanes::default();
+        let zero = EightLanes::default();
         self.real.clear();
         self.real.resize(2 * length, zero);
         self.keep.clear();
-        self.keep.resize(self.steps, Lanes::splat(F::ONE));
+        self.keep.resize(self.steps, EightLanes::splat(F::ONE));
         self.horizon.clear();
         self.horizon.resize(self.steps, [0; LANES]);
         // The forward pass writes every entry of these before it is read.
@@ -114,13 +114,13 @@ impl<F: Real> Group<F> {
 
     /// Runs the network over all steps; predictions stand in `y` afterwards.
     #[inline(always)]
-    pub(super) fn forward(&mut self, network: &Network, packed: &Packed<F>) {
-        let Shape { cells, leads } = self.shape;
+    pub(super) fn forward(&mut self, network: &LstmNetwork, packed: &PackedWeights<F>) {
+        let LstmShape { cells, leads } = self.shape;
         let (inputs, outputs) = (cells + 3, 2 * leads);
         let clip = network.clip.map(F::of);
         let mut h = std::mem::take(&mut self.by_h);
-        h.fill(Lanes::default());
-        self.cell[..cells].fill(Lanes::default());
+        h.fill(EightLanes::default());
+        self.cell[..cells].fill(EightLanes::default());
         for t in 0..self.steps {
             let keep = self.keep[t];
             let u = &mut self.input[t * inputs..(t + 1) * inputs];
@@ -128,13 +128,13 @@ impl<F: Real> Group<F> {
                 let x = self.real[2 * t + axis] * keep;
                 u[axis] = clip.map_or(x, |limit| x.clamp(limit));
             }
-            u[2] = Lanes::splat(F::ONE);
+            u[2] = EightLanes::splat(F::ONE);
             for (u, h) in u[3..].iter_mut().zip(&h) {
                 *u = *h * keep;
             }
             let gates = &mut self.gates[t * 4 * cells..(t + 1) * 4 * cells];
             for (weights, gates) in packed.forward.chunks_exact(inputs).zip(gates.chunks_exact_mut(4)) {
-                let mut z = [Lanes::<F>::default(); 4];
+                let mut z = [EightLanes::<F>::default(); 4];
                 for (w, u) in weights.iter().zip(&*u) {
                     for gate in 0..4 {
                         z[gate].add_scaled(w[gate], *u);
@@ -152,14 +152,14 @@ impl<F: Real> Group<F> {
             }
             let squashed = &mut self.squashed[t * cells..(t + 1) * cells];
             let out = &mut self.output[t * (cells + 1)..(t + 1) * (cells + 1)];
-            out[0] = Lanes::splat(F::ONE);
+            out[0] = EightLanes::splat(F::ONE);
             for (j, (squashed, after)) in squashed.iter_mut().zip(after).enumerate() {
                 *squashed = after.map(tanh);
                 h[j] = gates[4 * j + 3] * *squashed;
                 out[1 + j] = h[j];
             }
             for (o, weights) in packed.out.chunks_exact(cells + 1).enumerate() {
-                let mut y = if network.residual { u[o % 2] } else { Lanes::default() };
+                let mut y = if network.residual { u[o % 2] } else { EightLanes::default() };
                 for (w, h) in weights.iter().zip(&*out) {
                     y.add_scaled(*w, *h);
                 }
@@ -179,7 +179,7 @@ impl<F: Real> Group<F> {
     #[inline(always)]
     pub(super) fn score(&mut self, loss: &PreparedLoss<F>) -> f64 {
         let outputs = 2 * self.shape.leads;
-        let mut total = Lanes::<F>::default();
+        let mut total = EightLanes::<F>::default();
         for t in 0..self.steps {
             let y = &mut self.y[t * outputs..(t + 1) * outputs];
             total = total + loss.differentiate(y, &self.real[2 * (t + 1)..], &self.horizon[t]);
@@ -189,11 +189,11 @@ impl<F: Real> Group<F> {
 
     /// Adds the gradient to `gradient`; after `forward` and `score`.
     #[inline(always)]
-    pub(super) fn backward(&mut self, packed: &Packed<F>, gradient: &mut PackedGradient<F>) {
-        let Shape { cells, leads } = self.shape;
+    pub(super) fn backward(&mut self, packed: &PackedWeights<F>, gradient: &mut PackedGradient<F>) {
+        let LstmShape { cells, leads } = self.shape;
         let (inputs, outputs) = (cells + 3, 2 * leads);
-        self.by_h.fill(Lanes::default());
-        self.by_cell.fill(Lanes::default());
+        self.by_h.fill(EightLanes::default());
+        self.by_cell.fill(EightLanes::default());
         // As many steps at a time as the caches hold beside the weights.
         let chunk = (640 / cells).max(16);
         let mut end = self.steps;
@@ -229,15 +229,15 @@ impl<F: Real> Group<F> {
 
     /// From the derivatives after step t to those of its gates' arguments and of the state before it.
     #[inline(always)]
-    fn step_back(&mut self, t: usize, packed: &Packed<F>) {
-        let Shape { cells, leads } = self.shape;
+    fn step_back(&mut self, t: usize, packed: &PackedWeights<F>) {
+        let LstmShape { cells, leads } = self.shape;
         let outputs = 2 * leads;
         let keep = self.keep[t];
         let y = &self.y[t * outputs..(t + 1) * outputs];
         let before = &self.cell[t * cells..(t + 1) * cells];
         let squashed = &self.squashed[t * cells..(t + 1) * cells];
         let gates = &mut self.gates[t * 4 * cells..(t + 1) * 4 * cells];
-        let one = Lanes::splat(F::ONE);
+        let one = EightLanes::splat(F::ONE);
         for (j, (gates, weights)) in
             gates.chunks_exact_mut(4).zip(packed.out_back.chunks_exact(outputs)).enumerate()
         {
@@ -256,7 +256,7 @@ impl<F: Real> Group<F> {
         }
         let blocks = packed.back.chunks_exact(4 * cells).zip(self.by_h.chunks_exact_mut(4));
         for (weights, into) in blocks {
-            let mut dh = [Lanes::<F>::default(); 4];
+            let mut dh = [EightLanes::<F>::default(); 4];
             for (w, dz) in weights.iter().zip(&*gates) {
                 for k in 0..4 {
                     dh[k].add_scaled(w[k], *dz);
@@ -274,8 +274,8 @@ impl<F: Real> Group<F> {
 /// `a` is steps x `widths.0` (a multiple of R), `b` steps x `widths.1`.
 #[inline(always)]
 fn outer_sums<F: Real, const R: usize>(
-    a: &[Lanes<F>],
-    b: &[Lanes<F>],
+    a: &[EightLanes<F>],
+    b: &[EightLanes<F>],
     widths: (usize, usize),
     mut into: impl FnMut(usize, usize, [F; R]),
 ) {
@@ -286,7 +286,7 @@ fn outer_sums<F: Real, const R: usize>(
             // Two columns share the loads of the rows; an odd last one goes alone.
             let pair = column + 1 < columns;
             let other = if pair { column + 1 } else { column };
-            let mut sums = [[Lanes::<F>::default(); R]; 2];
+            let mut sums = [[EightLanes::<F>::default(); R]; 2];
             for (a, b) in a.chunks_exact(rows).zip(b.chunks_exact(columns)) {
                 let a = &a[row..row + R];
                 let (left, right) = (b[column], b[other]);
@@ -309,6 +309,6 @@ fn outer_sums<F: Real, const R: usize>(
 ///
 /// Never inlined: with these sums in sight the compiler reorders the loop before them, at half the speed.
 #[inline(never)]
-fn over_lanes<F: Real, const R: usize>(sums: &[[Lanes<F>; R]; 2]) -> [[F; R]; 2] {
-    sums.map(|column| column.map(Lanes::sum))
+fn over_lanes<F: Real, const R: usize>(sums: &[[EightLanes<F>; R]; 2]) -> [[F; R]; 2] {
+    sums.map(|column| column.map(EightLanes::sum))
 }

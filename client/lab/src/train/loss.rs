@@ -6,7 +6,7 @@
 //! counted (as in the paper).
 
 use super::corpus::Strokes;
-use super::real::{LANES, Lanes, Real};
+use super::real::{EightLanes, LANES, Real};
 
 /// How an error is punished.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -30,7 +30,6 @@ pub enum Padding {
     Masked,
 }
 
-/// The training objective.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Objective {
     /// How an error is punished.
@@ -108,21 +107,21 @@ impl<F: Real> PreparedLoss<F> {
     #[inline(always)]
     pub(super) fn differentiate(
         &self,
-        y: &mut [Lanes<F>],
-        targets: &[Lanes<F>],
+        y: &mut [EightLanes<F>],
+        targets: &[EightLanes<F>],
         horizon: &[u16; LANES],
-    ) -> Lanes<F> {
-        let mut loss = Lanes::default();
+    ) -> EightLanes<F> {
+        let mut loss = EightLanes::default();
         let known = y.len().min(targets.len());
         let (scored, unknown) = y.split_at_mut(known);
-        unknown.fill(Lanes::default());
-        let mut travelled = [Lanes::<F>::default(); 2];
+        unknown.fill(EightLanes::default());
+        let mut travelled = [EightLanes::<F>::default(); 2];
         for (row, (y, target)) in scored.iter_mut().zip(targets).enumerate() {
             *y = *y - *target;
             travelled[row % 2] = travelled[row % 2] + *y;
         }
         // From the last lead back: a displacement moves all positions from its lead on.
-        let mut later = [Lanes::<F>::default(); 2];
+        let mut later = [EightLanes::<F>::default(); 2];
         for (row, y) in scored.iter_mut().enumerate().rev() {
             let (lead, axis) = (row / 2, row % 2);
             let (mask, error) = (mask(horizon, lead), *y);
@@ -143,7 +142,7 @@ impl<F: Real> PreparedLoss<F> {
 
     /// Value and slope of the penalty, its corner at `delta` x `reach`.
     #[inline(always)]
-    fn penalise(&self, error: Lanes<F>, reach: F) -> (Lanes<F>, Lanes<F>) {
+    fn penalise(&self, error: EightLanes<F>, reach: F) -> (EightLanes<F>, EightLanes<F>) {
         match self.delta {
             None => (error * error, error + error),
             Some(delta) => {
@@ -156,8 +155,8 @@ impl<F: Real> PreparedLoss<F> {
 }
 
 #[inline(always)]
-fn mask<F: Real>(horizon: &[u16; LANES], lead: usize) -> Lanes<F> {
-    let mut mask = Lanes::default();
+fn mask<F: Real>(horizon: &[u16; LANES], lead: usize) -> EightLanes<F> {
+    let mut mask = EightLanes::default();
     for l in 0..LANES {
         mask.0[l] = if usize::from(horizon[l]) > lead { F::ONE } else { F::default() };
     }

@@ -12,7 +12,7 @@ use super::real::Real;
 
 /// Sizes of a network.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Shape {
+pub struct LstmShape {
     /// Cells H of the one layer.
     pub cells: usize,
     /// Leads K: output rows 2(i-1)..2i predict the displacement i steps ahead.
@@ -21,8 +21,7 @@ pub struct Shape {
 
 /// One named tensor inside the flat vector.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Tensor {
-    /// PyTorch's name.
+pub struct TensorSlot {
     pub name: &'static str,
     /// Its shape; one number for a bias.
     pub shape: Vec<usize>,
@@ -30,10 +29,10 @@ pub struct Tensor {
     pub range: Range<usize>,
 }
 
-impl Shape {
+impl LstmShape {
     /// The six tensors in order.
     #[must_use]
-    pub fn tensors(self) -> [Tensor; 6] {
+    pub fn tensors(self) -> [TensorSlot; 6] {
         let Self { cells, leads } = self;
         let mut at = 0;
         [
@@ -47,11 +46,10 @@ impl Shape {
         .map(|(name, shape)| {
             let from = at;
             at += shape.iter().product::<usize>();
-            Tensor { name, shape, range: from..at }
+            TensorSlot { name, shape, range: from..at }
         })
     }
 
-    /// Number of parameters.
     #[must_use]
     pub fn count(self) -> usize {
         self.tensors().last().map_or(0, |last| last.range.end)
@@ -68,9 +66,8 @@ impl Shape {
 /// A network without its parameters: sizes and what is done around the layer. Lengths are in units of the
 /// input scale.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Network {
-    /// Sizes.
-    pub shape: Shape,
+pub struct LstmNetwork {
+    pub shape: LstmShape,
     /// Inputs are cut to +-clip per component.
     pub clip: Option<f64>,
     /// Output = cut input + linear(h), for every lead.
@@ -83,7 +80,7 @@ pub struct Network {
 /// Weights as the kernels read them: four gates of a cell side by side, inputs `[x, y, 1, h]`, transposes
 /// ready.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Packed<F> {
+pub(super) struct PackedWeights<F> {
     /// `[cell][input][gate]`, inputs 3 + H.
     pub(super) forward: Vec<[F; 4]>,
     /// `[block of 4 cells][cell, gate][cell in block]`: W_hh transposed, zeros beyond H.
@@ -94,9 +91,9 @@ pub(super) struct Packed<F> {
     pub(super) out_back: Vec<F>,
 }
 
-impl<F: Real> Packed<F> {
+impl<F: Real> PackedWeights<F> {
     /// Takes over the flat parameters of a network of that shape.
-    pub(super) fn fill(&mut self, shape: Shape, flat: &[F]) {
+    pub(super) fn fill(&mut self, shape: LstmShape, flat: &[F]) {
         let [w_ih, w_hh, b_ih, b_hh, w_out, b_out] = shape.tensors().map(|t| &flat[t.range]);
         let (cells, outputs) = (shape.cells, 2 * shape.leads);
         self.forward.clear();
@@ -130,14 +127,14 @@ impl<F: Real> Packed<F> {
 /// Gradients as the kernels sum them.
 #[derive(Debug, Clone)]
 pub(super) struct PackedGradient<F> {
-    /// As [`Packed::forward`].
+    /// As [`PackedWeights::forward`].
     pub(super) layer: Vec<[F; 4]>,
-    /// As [`Packed::out`].
+    /// As [`PackedWeights::out`].
     pub(super) out: Vec<F>,
 }
 
 impl<F: Real> PackedGradient<F> {
-    pub(super) fn zero(shape: Shape) -> Self {
+    pub(super) fn zero(shape: LstmShape) -> Self {
         Self {
             layer: vec![[F::default(); 4]; shape.cells * (shape.cells + 3)],
             out: vec![F::default(); 2 * shape.leads * (shape.cells + 1)],
@@ -150,7 +147,7 @@ impl<F: Real> PackedGradient<F> {
     }
 
     /// Adds this gradient to a flat one.
-    pub(super) fn add_to(&self, shape: Shape, flat: &mut [F]) {
+    pub(super) fn add_to(&self, shape: LstmShape, flat: &mut [F]) {
         let [w_ih, w_hh, b_ih, b_hh, w_out, b_out] = shape.tensors().map(|t| t.range.start);
         let (cells, inputs) = (shape.cells, shape.cells + 3);
         for (cell, rows) in self.layer.chunks_exact(inputs).enumerate() {

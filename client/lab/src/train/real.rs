@@ -2,7 +2,7 @@
 //!
 //! A group of eight sequences advances together, one per lane; every inner loop runs over lanes, so that the
 //! compiler turns it into vector instructions of whatever width the machine has. Lanes never mix but in
-//! [`Lanes::sum`], whose order is fixed: results do not depend on that width.
+//! [`EightLanes::sum`], whose order is fixed: results do not depend on that width.
 
 use std::ops::{Add, Mul, Sub};
 
@@ -15,9 +15,9 @@ pub const LANES: usize = 8;
 /// The same quantity of eight sequences.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 #[repr(C, align(32))]
-pub(super) struct Lanes<F>(pub(super) [F; LANES]);
+pub(super) struct EightLanes<F>(pub(super) [F; LANES]);
 
-impl<F: Real> Lanes<F> {
+impl<F: Real> EightLanes<F> {
     #[inline(always)]
     pub(super) fn splat(x: F) -> Self {
         Self([x; LANES])
@@ -71,7 +71,7 @@ impl<F: Real> Lanes<F> {
     }
 }
 
-impl<F: Real> Add for Lanes<F> {
+impl<F: Real> Add for EightLanes<F> {
     type Output = Self;
 
     #[inline(always)]
@@ -80,7 +80,7 @@ impl<F: Real> Add for Lanes<F> {
     }
 }
 
-impl<F: Real> Sub for Lanes<F> {
+impl<F: Real> Sub for EightLanes<F> {
     type Output = Self;
 
     #[inline(always)]
@@ -89,7 +89,7 @@ impl<F: Real> Sub for Lanes<F> {
     }
 }
 
-impl<F: Real> Mul for Lanes<F> {
+impl<F: Real> Mul for EightLanes<F> {
     type Output = Self;
 
     #[inline(always)]

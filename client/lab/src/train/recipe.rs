@@ -7,7 +7,7 @@ use super::adam::Schedule;
 use super::augment::Augment;
 use super::corpus::Units;
 use super::loss::{Objective, Padding, Penalty};
-use super::parameters::{Network, Shape};
+use super::parameters::{LstmNetwork, LstmShape};
 
 /// A named way to train.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -26,7 +26,6 @@ pub enum Recipe {
 const MIXTURE_GATE: f64 = mixture::GATE / TARGET_RMS;
 
 impl Recipe {
-    /// Every recipe.
     pub const ALL: [Self; 3] = [Self::Paper, Self::Robust, Self::Mixture];
 
     /// Its name in options and metadata.
@@ -41,13 +40,13 @@ impl Recipe {
 
     /// The network, for `cells` cells and `leads` leads.
     #[must_use]
-    pub const fn network(self, cells: usize, leads: usize) -> Network {
-        let shape = Shape { cells, leads };
+    pub const fn network(self, cells: usize, leads: usize) -> LstmNetwork {
+        let shape = LstmShape { cells, leads };
         match self {
-            Self::Paper => Network { shape, clip: None, residual: false, reset_beyond: None },
-            Self::Robust => Network { shape, clip: Some(4.0), residual: true, reset_beyond: None },
+            Self::Paper => LstmNetwork { shape, clip: None, residual: false, reset_beyond: None },
+            Self::Robust => LstmNetwork { shape, clip: Some(4.0), residual: true, reset_beyond: None },
             Self::Mixture => {
-                Network { shape, clip: Some(4.0), residual: true, reset_beyond: Some(MIXTURE_GATE) }
+                LstmNetwork { shape, clip: Some(4.0), residual: true, reset_beyond: Some(MIXTURE_GATE) }
             }
         }
     }
@@ -61,7 +60,6 @@ impl Recipe {
         }
     }
 
-    /// Usual units.
     #[must_use]
     pub const fn units(self) -> Units {
         match self {
@@ -85,7 +83,6 @@ impl Recipe {
         }
     }
 
-    /// Usual longest gradient.
     #[must_use]
     pub const fn limit_norm(self) -> Option<f64> {
         match self {
@@ -138,7 +135,6 @@ impl Recipe {
         }
     }
 
-    /// Usual batch.
     #[must_use]
     pub const fn batch(self) -> usize {
         match self {

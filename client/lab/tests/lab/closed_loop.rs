@@ -3,7 +3,7 @@
 use foretrace_config::{Config, Draft};
 use foretrace_lab::baselines::{BaselineKind, BaselineSettings, Limits, build, soften};
 use foretrace_lab::closed_loop::{
-    BenchArm, Benchmark, Flaws, Hand, Outcome, Rival, Row, Score, Sequence, hands,
+    BenchArm, BenchRow, Benchmark, Flaws, Hand, MethodOutcome, Rival, Sequence, SequenceScore, hands,
 };
 use foretrace_sim::data::{DataSet, Split, median_glyph_height};
 use foretrace_sim::metrics::ToolSample;
@@ -103,7 +103,7 @@ fn the_servo_of_a_way_counts_on_the_ur5_and_changes_nothing_on_the_slow_arm() {
     let config = config();
     let arms = [BenchArm::Delay30, BenchArm::Ur5, BenchArm::Slow];
     let benchmark = benchmark(&config, &arms, &["hold", "servoj-gello", "servoj-ros"]);
-    let rows = Outcome::table(&benchmark.run(|| {}).unwrap());
+    let rows = MethodOutcome::table(&benchmark.run(|| {}).unwrap());
     let lag = |arm: BenchArm, name: &str| find(&rows, arm, name).lag_ms;
     for arm in [BenchArm::Delay30, BenchArm::Ur5] {
         let more = lag(arm, "servoj-gello") - lag(arm, "servoj-ros");
@@ -121,7 +121,7 @@ fn hold_is_never_worse_than_itself_and_rows_say_everything() {
     let config = config();
     let names = ["hold", "mixture", "servoj-ros", "servoj-ros-legal", "kalman-legal", "oracle"];
     let benchmark = benchmark(&config, &[BenchArm::Ur5], &names);
-    let rows = Outcome::table(&benchmark.run(|| {}).unwrap());
+    let rows = MethodOutcome::table(&benchmark.run(|| {}).unwrap());
     let hold = find(&rows, BenchArm::Ur5, "hold");
     assert_eq!((hold.worse_than_hold_pct, hold.worst_beyond_hold_m), (Some(0.0), Some(0.0)));
     assert!(find(&rows, BenchArm::Ur5, "oracle").mse_m2 < 0.3 * hold.mse_m2);
@@ -158,12 +158,12 @@ fn many_threads_give_the_numbers_of_one() {
             .flat_map(|hand| (0..hand.sequences.len()).map(move |index| (hand, index)))
             .map(|(hand, index)| {
                 let run = benchmark.replay(outcome.rival, *arm, hand, index).unwrap().unwrap();
-                Score::of(&hand.sequences[index], &run)
+                SequenceScore::of(&hand.sequences[index], &run)
             })
             .collect();
         assert_eq!(alone.len(), 3);
         // Absent parts of a score are NaN, which equals nothing.
-        let text = |scores: &[Option<Score>]| format!("{scores:?}");
+        let text = |scores: &[Option<SequenceScore>]| format!("{scores:?}");
         assert_eq!(text(&alone), text(&outcome.scores), "{}", outcome.rival.name());
     }
 }
@@ -197,7 +197,7 @@ fn what_lies_behind_an_unrecorded_lift_is_scored_apart() {
             rivals: vec![Rival::HOLD],
             flaws: Flaws::default(),
         };
-        Outcome::table(&benchmark.run(|| {}).unwrap()).remove(0)
+        MethodOutcome::table(&benchmark.run(|| {}).unwrap()).remove(0)
     };
     let leap = row(Lift::Leap);
     let behind = leap.leap_mse_m2.unwrap();
@@ -266,7 +266,7 @@ fn leaps_of_the_pen_do_not_throw_an_arm_without_limits() {
     };
     let arms = [BenchArm::Ideal, BenchArm::Delay30].map(|arm| (arm, vec![hand(arm)])).to_vec();
     let rivals = ["mixture", "dybm", "mixture-trust1"].map(|name| Rival::named(name).unwrap()).to_vec();
-    for row in Outcome::table(
+    for row in MethodOutcome::table(
         &Benchmark { config: &config, arms, rivals, flaws: Flaws::default() }.run(|| {}).unwrap(),
     ) {
         // The jump itself is 0.4 m.
@@ -281,7 +281,7 @@ fn sweeps_hold_the_shipped_point_and_lead_from_smooth_to_stiff() {
     let arms = [BenchArm::Ideal, BenchArm::Ur5, BenchArm::Slow];
     let mut benchmark = benchmark(&config, &arms, &["hold", "mixture", "servoj-ros", "kalman"]);
     benchmark.arms.iter_mut().for_each(|(_, hands)| hands.truncate(1));
-    let rows = Outcome::table(&benchmark.run(|| {}).unwrap());
+    let rows = MethodOutcome::table(&benchmark.run(|| {}).unwrap());
     let mut heard = 0;
     let points = benchmark.pareto(|| heard += 1).unwrap();
     assert_eq!(heard, benchmark.pareto_jobs());
@@ -319,19 +319,19 @@ fn sweeps_hold_the_shipped_point_and_lead_from_smooth_to_stiff() {
 }
 
 #[test]
-fn points_that_the_law_refuses_are_left_out_of_a_sweep_and_told() {
+fn points_that_the_law_refuses_are_left_out_of_a_sweep_and_named() {
     let config = Draft::preset("ur5").set("mpc.horizon", "10").finish().unwrap();
     let mut benchmark = benchmark(&config, &[BenchArm::Ideal], &["mixture"]);
     benchmark.arms.iter_mut().for_each(|(_, hands)| hands.truncate(1));
     let refused = benchmark.pareto_refused();
     let points = benchmark.pareto(|| {}).unwrap();
     assert!(!refused.is_empty() && points.len() + refused.len() == 12, "{refused:#?}");
-    for told in &refused {
+    for message in &refused {
         assert!(
-            told.starts_with("mixture on ideal, gains x 0.0") && told.contains("does not settle"),
-            "{told}"
+            message.starts_with("mixture on ideal, gains x 0.0") && message.contains("does not settle"),
+            "{message}"
         );
-        assert!(points.iter().all(|point| !told.contains(&format!(", {}:", point.label))), "{told}");
+        assert!(points.iter().all(|point| !message.contains(&format!(", {}:", point.label))), "{message}");
     }
 }
 
@@ -364,6 +364,6 @@ fn a_name_that_nobody_has_is_answered_with_all_names_in_order() {
     assert!(error.to_string().contains(names), "{error}");
 }
 
-fn find<'a>(rows: &'a [Row], arm: BenchArm, name: &str) -> &'a Row {
+fn find<'a>(rows: &'a [BenchRow], arm: BenchArm, name: &str) -> &'a BenchRow {
     rows.iter().find(|row| row.arm == arm.name() && row.predictor == name).unwrap()
 }

@@ -33,12 +33,16 @@ fn forged_predictions_and_checkpoints_are_refused_with_a_sentence() {
         &seeds,
         |bytes| {
             std::fs::write(&file, bytes).unwrap();
-            let told = [
+            let message = [
                 Predictions::load(&file).err().map(|error| error.to_string()),
                 checkpoint::load(&file, "3ff0000000000000", 12).err().map(|error| error.to_string()),
             ];
-            for told in told.into_iter().flatten() {
-                assert!(told.contains("a.csv") && told.len() < 20_000, "{} bytes: {told:.300}", told.len());
+            for message in message.into_iter().flatten() {
+                assert!(
+                    message.contains("a.csv") && message.len() < 20_000,
+                    "{} bytes: {message:.300}",
+                    message.len()
+                );
             }
         },
     );

@@ -9,10 +9,13 @@ use std::time::{Duration, Instant};
 use foretrace_control::follower::JointCommand;
 use foretrace_control::stop::{StopCause, StopReason};
 use foretrace_control::units::Stamp;
-use foretrace_lab::closed_loop::{BenchArm, Benchmark, Flaws, Rival, Score, Trial, TrialError, Tried};
+use foretrace_lab::closed_loop::{
+    BenchArm, Benchmark, Flaws, Rival, SequenceScore, Trial, TrialError, Tried,
+};
 use foretrace_lab::experiments::{ArmKind, LawEntrant, Watched};
 use foretrace_lab::lockstep::{
-    ARM_HELLO, ArmHello, COMMAND, Command, EffortUnit, LAW_HELLO, LawHello, STATE, SocketArm, State, begin,
+    ARM_HELLO, ArmAnswer, ArmEffortUnit, ArmHello, COMMAND, Command, LAW_HELLO, LawHello, STATE, SocketArm,
+    begin,
 };
 use foretrace_sim::arm::{Fault, FaultKind, JOINTS};
 
@@ -40,7 +43,7 @@ fn answer(mut stream: UnixStream, kind: ArmKind) {
     let hello = heard(&mut stream);
     let mut arm = kind.built(hello.home);
     let group_delay_s = kind.facts().group_delay_s;
-    let own = ArmHello { rate_hz: 500.0, group_delay_s, effort: EffortUnit::NewtonMetre, q: hello.home };
+    let own = ArmHello { rate_hz: 500.0, group_delay_s, effort: ArmEffortUnit::NewtonMetre, q: hello.home };
     stream.write_all(&own.encode()).unwrap();
     let mut bytes = [0; COMMAND];
     while stream.read_exact(&mut bytes).is_ok() {
@@ -48,7 +51,7 @@ fn answer(mut stream: UnixStream, kind: ArmKind) {
         let command = JointCommand { stamp: until, valid_until: until, q, qd, enabled };
         let is = arm.step(until, Some(&command)).unwrap();
         let effort = [tick as f64; JOINTS];
-        let state = State { stamp: is.stamp, tick, motion_allowed: true, q: is.q, qd: is.qd, effort };
+        let state = ArmAnswer { stamp: is.stamp, tick, motion_allowed: true, q: is.q, qd: is.qd, effort };
         stream.write_all(&state.encode()).unwrap();
     }
 }
@@ -75,12 +78,12 @@ fn trial(path: &Path, timeout: Duration, stop_at_s: Option<f64>) -> Result<Tried
         assert!(tick.t_s > last, "time goes on");
         last = tick.t_s;
     };
-    let told = |error: TrialError| error.to_string();
-    what.run(Box::new(connected(path, timeout)?), &mut see).map_err(told)
+    let text = |error: TrialError| error.to_string();
+    what.run(Box::new(connected(path, timeout)?), &mut see).map_err(text)
 }
 
 /// Every number of a score as bits.
-fn bits(score: &Option<Score>) -> Vec<u64> {
+fn bits(score: &Option<SequenceScore>) -> Vec<u64> {
     let score = score.as_ref().unwrap();
     let floats = [score.mse_m2, score.pen_down_mse_m2, score.max_m, score.lag_ms, score.rms_jerk];
     let counts = [score.limited, score.illegal, score.ticks].map(u64::from);
@@ -109,7 +112,7 @@ fn an_arm_behind_a_socket_that_answers_as_a_built_in_one_gives_its_figures_to_th
 }
 
 #[test]
-fn a_stop_that_is_asked_for_is_told_with_the_time_to_rest() {
+fn a_stop_that_is_asked_for_is_reported_with_the_time_to_rest() {
     let (_folder, path, thread) = peer(move |stream| answer(stream, BenchArm::Ur5.kind(&config())));
     let tried = trial(&path, TIMEOUT, Some(1.5)).unwrap();
     thread.join().unwrap();
@@ -122,7 +125,7 @@ fn a_stop_that_is_asked_for_is_told_with_the_time_to_rest() {
 }
 
 #[test]
-fn a_stop_of_the_law_is_told_with_its_cause() {
+fn a_stop_of_the_law_is_reported_with_its_cause() {
     let fault = Some(Fault { kind: FaultKind::Runaway(0.5), at_s: 1.5 });
     let kind = move || match BenchArm::Ur5.kind(&config()) {
         ArmKind::Ur5(arm) => ArmKind::Ur5(foretrace_sim::arm::ArmSettings { fault, ..arm }),
@@ -138,17 +141,21 @@ fn a_stop_of_the_law_is_told_with_its_cause() {
 }
 
 /// A peer that says hello and then answers the command of tick 3 with `bytes` of `change`.
-fn answered(change: impl Fn(State, Stamp) -> Vec<u8> + Send + 'static) -> String {
+fn answered(change: impl Fn(ArmAnswer, Stamp) -> Vec<u8> + Send + 'static) -> String {
     let (_folder, path, thread) = peer(move |mut stream| {
         let hello = heard(&mut stream);
-        let own =
-            ArmHello { rate_hz: 500.0, group_delay_s: None, effort: EffortUnit::NewtonMetre, q: hello.home };
+        let own = ArmHello {
+            rate_hz: 500.0,
+            group_delay_s: None,
+            effort: ArmEffortUnit::NewtonMetre,
+            q: hello.home,
+        };
         stream.write_all(&own.encode()).unwrap();
         let mut bytes = [0; COMMAND];
         while stream.read_exact(&mut bytes).is_ok() {
             let Command { until, tick, q, .. } = Command::decode(&bytes).unwrap();
             let zero = [0.0; JOINTS];
-            let state = State { stamp: until, tick, motion_allowed: true, q, qd: zero, effort: zero };
+            let state = ArmAnswer { stamp: until, tick, motion_allowed: true, q, qd: zero, effort: zero };
             let sent = if tick == 3 { change(state, until) } else { state.encode().to_vec() };
             if stream.write_all(&sent).is_err() {
                 return;
@@ -163,13 +170,13 @@ fn answered(change: impl Fn(State, Stamp) -> Vec<u8> + Send + 'static) -> String
 
 #[test]
 fn states_that_may_not_be_are_refused_with_what_and_where() {
-    let with = |change: fn(&mut State, Stamp)| {
+    let with = |change: fn(&mut ArmAnswer, Stamp)| {
         answered(move |mut state, until| {
             change(&mut state, until);
             state.encode().to_vec()
         })
     };
-    for (error, said) in [
+    for (error, wanted) in [
         (with(|state, _| state.q[2] = f64::NAN), "q [rad] of joint 2 is NaN"),
         (with(|state, _| state.q[5] = 13.0), "q [rad] of joint 5 is 13"),
         (with(|state, _| state.qd[0] = f64::INFINITY), "of joint 0 is inf"),
@@ -179,7 +186,7 @@ fn states_that_may_not_be_are_refused_with_what_and_where() {
         (with(|state, _| state.tick = 2), "answers command 2, 3 is due"),
         (with(|state, _| state.tick = 4), "answers command 4, 3 is due"),
     ] {
-        assert!(error.contains(said), "{error}: {said}");
+        assert!(error.contains(wanted), "{error}: {wanted}");
     }
 }
 
@@ -192,7 +199,7 @@ fn messages_of_another_size_kind_or_version_are_refused() {
             bytes
         })
     };
-    for (error, said) in [
+    for (error, wanted) in [
         (with(0, b'X'), "instead of \"FTLS\""),
         (with(4, 9), "version 9"),
         (with(6, 1), "kind 1, expected 4"),
@@ -200,7 +207,7 @@ fn messages_of_another_size_kind_or_version_are_refused() {
         (with(12, 7), "7 joints"),
         (with(32, 2), "the flags is 2"),
     ] {
-        assert!(error.contains(said), "{error}: {said}");
+        assert!(error.contains(wanted), "{error}: {wanted}");
     }
     assert_eq!(
         (LAW_HELLO, ARM_HELLO, COMMAND, STATE),
@@ -217,7 +224,7 @@ fn a_peer_that_is_silent_drips_or_goes_away_ends_the_run() {
     assert!(began.elapsed() < Duration::from_secs(30));
     let (_folder, path, thread) = peer(|mut stream| {
         let hello = heard(&mut stream);
-        let (effort, q) = (EffortUnit::None, hello.home);
+        let (effort, q) = (ArmEffortUnit::None, hello.home);
         stream.write_all(&ArmHello { rate_hz: 500.0, group_delay_s: None, effort, q }.encode()).unwrap();
         let mut bytes = [0; COMMAND];
         stream.read_exact(&mut bytes).unwrap();
@@ -242,7 +249,8 @@ fn a_hello_that_may_not_be_is_refused() {
     let with = |change: fn(&mut ArmHello)| {
         let (_folder, path, thread) = peer(move |mut stream| {
             let q = heard(&mut stream).home;
-            let mut own = ArmHello { rate_hz: 500.0, group_delay_s: Some(0.03), effort: EffortUnit::None, q };
+            let mut own =
+                ArmHello { rate_hz: 500.0, group_delay_s: Some(0.03), effort: ArmEffortUnit::None, q };
             change(&mut own);
             let _ = stream.write_all(&own.encode());
         });

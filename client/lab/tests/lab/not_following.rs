@@ -213,7 +213,7 @@ fn in_front_of_a_slow_arm_the_tool_slows_down_or_stops() {
             desk.seen.off_m * 1e3,
             desk.seen.tool_mps
         );
-        // A share this small cannot be told from joints that are slow: it may stop instead.
+        // A share this small cannot be told apart from joints that are slow: it may stop instead.
         if arm_share < 0.2 && later.is_some_and(|(_, detail)| detail.cause == StopCause::Response) {
             continue;
         }

@@ -4,7 +4,7 @@ use crate::shared::shared;
 use foretrace_lab::train::checkpoint::{self, CheckpointError};
 use foretrace_lab::train::corpus::{self, CorpusError, Item};
 use foretrace_lab::train::{
-    Engine, Fit, FitError, Plan, Recipe, Schedule, Setup, State, Strokes, bench::made_up, model,
+    Engine, Fit, FitError, Recipe, Schedule, Setup, Strokes, TrainPlan, TrainState, bench::made_up, model,
 };
 use foretrace_sim::data::{DataSet, Split};
 use std::collections::BTreeMap;
@@ -15,8 +15,8 @@ fn setup(recipe: Recipe, cells: usize, scale: f64) -> Setup {
     Setup { network: recipe.network(cells, 1), objective: recipe.objective(1), scale }
 }
 
-fn plan(recipe: Recipe, epochs: usize) -> Plan {
-    Plan {
+fn plan(recipe: Recipe, epochs: usize) -> TrainPlan {
+    TrainPlan {
         schedule: recipe.schedule(None),
         epochs,
         batch: recipe.batch(),
@@ -28,7 +28,7 @@ fn plan(recipe: Recipe, epochs: usize) -> Plan {
     }
 }
 
-fn fit(plan: &Plan, threads: usize, state: Option<State>) -> Fit {
+fn fit(plan: &TrainPlan, threads: usize, state: Option<TrainState>) -> Fit {
     let parts = (made_up(70, 1), made_up(20, 2));
     Fit::new(plan.clone(), setup(Recipe::Robust, 6, 10.0), parts, threads, state)
 }
@@ -105,7 +105,7 @@ fn damaged_or_foreign_checkpoints_are_refused_with_the_reason() {
 }
 
 #[test]
-fn divergence_is_said_and_leaves_the_last_good_state() {
+fn divergence_is_reported_and_leaves_the_last_good_state() {
     let mut plan = plan(Recipe::Paper, 50);
     plan.schedule = Schedule::Constant { rate: 1e39 };
     let mut fit = fit(&plan, 1, None);

@@ -4,15 +4,15 @@
 use std::ops::ControlFlow;
 
 use foretrace_control::pen::{PenReading, PenSettings, PenTracker};
-use foretrace_control::predict::Seen;
-use foretrace_control::predict::models::foresight::{FEATURES, Foresight, History, OUTPUTS};
+use foretrace_control::predict::PenStep;
+use foretrace_control::predict::models::foresight::{FEATURES, Foresight, OUTPUTS, PenHistory};
 use foretrace_control::predict::{ModelSettings, Models, Networks, PreviewSettings, Previewer};
 use foretrace_control::units::Stamp;
 use foretrace_lab::train::foresight::{
-    Change, Context, Engine, Examples, Fit, Plan, Sequence, Shape, Study, Without, Writing, examples,
-    hold_out, of_writing, weights_of,
+    Context, Distortion, Examples, ForesightFit, ForesightPlan, ForesightShape, GradientEngine, Study,
+    Without, Writing, WrittenCharacter, examples, hold_out, of_writing, weights_of,
 };
-use foretrace_lab::train::{FitError, Schedule, State};
+use foretrace_lab::train::{FitError, Schedule, TrainState};
 use foretrace_sim::path::PathSample;
 
 const STEP_NS: u64 = 10_000_000;
@@ -32,8 +32,8 @@ fn samples(seed: u32, count: usize) -> Vec<PathSample> {
         .collect()
 }
 
-fn sequence(samples: Vec<PathSample>) -> Sequence {
-    Sequence { label: "a".to_owned(), samples, leaps: Vec::new() }
+fn sequence(samples: Vec<PathSample>) -> WrittenCharacter {
+    WrittenCharacter { label: "a".to_owned(), samples, leaps: Vec::new() }
 }
 
 fn writing(seed: u32) -> Writing {
@@ -53,7 +53,7 @@ fn examples_are_what_the_loop_sees() {
     let mut previewer =
         Previewer::new(PreviewSettings::default(), &models, &models.initial_weights()).unwrap();
     let mut tracker = PenTracker::new(PenSettings::default()).unwrap();
-    let mut history = History::EMPTY;
+    let mut history = PenHistory::EMPTY;
     let mut rows = Vec::new();
     for sample in &samples {
         let stamp = Stamp(((10.003 + sample.t_s) * 1e9).round() as u64);
@@ -61,7 +61,7 @@ fn examples_are_what_the_loop_sees() {
         while let Some(step) = tracker.next_step() {
             let learn = previewer.observe(&step);
             if previewer.history() > 0 {
-                history.observe(&learn.seen());
+                history.observe(&learn.pen);
                 rows.push(history.look(0.01, 2).features);
             }
         }
@@ -102,8 +102,8 @@ fn a_target_is_the_way_that_followed_in_the_frame_of_motion() {
     assert_eq!(examples.known.last(), Some(&1), "the last but one step knows one step ahead");
 }
 
-fn plan() -> Plan {
-    Plan {
+fn plan() -> ForesightPlan {
+    ForesightPlan {
         schedule: Schedule::OneCycle { peak: 5e-3, warm_up: 0.2 },
         epochs: 4,
         batch: 256,
@@ -119,7 +119,7 @@ fn parts() -> (Vec<Writing>, Vec<Writing>) {
     ((0..6).map(writing).collect(), vec![writing(7)])
 }
 
-fn go_on(mut fit: Fit) -> State {
+fn go_on(mut fit: ForesightFit) -> TrainState {
     while !fit.is_finished() {
         fit.epoch(|_| ControlFlow::Continue(())).unwrap();
     }
@@ -128,13 +128,13 @@ fn go_on(mut fit: Fit) -> State {
 
 #[test]
 fn any_number_of_threads_and_a_resumed_training_give_the_same_bits() {
-    let whole = go_on(Fit::new(plan(), parts(), 1, None));
-    assert_eq!(go_on(Fit::new(plan(), parts(), 3, None)), whole);
-    let mut first = Fit::new(plan(), parts(), 2, None);
+    let whole = go_on(ForesightFit::new(plan(), parts(), 1, None));
+    assert_eq!(go_on(ForesightFit::new(plan(), parts(), 3, None)), whole);
+    let mut first = ForesightFit::new(plan(), parts(), 2, None);
     first.epoch(|_| ControlFlow::Continue(())).unwrap();
     let interrupted = first.epoch(|_| ControlFlow::Break(()));
     assert_eq!(interrupted, Err(FitError::Interrupted));
-    let resumed = Fit::new(plan(), parts(), 2, Some(first.state().clone()));
+    let resumed = ForesightFit::new(plan(), parts(), 2, Some(first.state().clone()));
     assert_eq!(go_on(resumed), whole);
     let losses: Vec<f64> = whole.history.iter().map(|epoch| epoch.held_out.unwrap().loss).collect();
     assert!(losses[3] < 0.7 * losses[0], "{losses:?}");
@@ -143,14 +143,14 @@ fn any_number_of_threads_and_a_resumed_training_give_the_same_bits() {
 #[test]
 fn the_gradient_is_that_of_the_loss() {
     let study = Study::default();
-    let shape = Shape { inputs: study.inputs() };
-    let all = of_writing(&writing(1), &Change::NONE, STEP_NS, &study);
+    let shape = ForesightShape { inputs: study.inputs() };
+    let all = of_writing(&writing(1), &Distortion::NONE, STEP_NS, &study);
     let mut parameters = {
-        let fit = Fit::new(plan(), parts(), 1, None);
+        let fit = ForesightFit::new(plan(), parts(), 1, None);
         fit.state().parameters.clone()
     };
     let batch: Vec<usize> = (0..64).collect();
-    let mut engine = Engine::new(shape, 2, study);
+    let mut engine = GradientEngine::new(shape, 2, study);
     let (_, gradient) = engine.gradient(&parameters, &all, &batch);
     let gradient = gradient.to_vec();
     let largest = gradient.iter().fold(0.0_f32, |largest, g| largest.max(g.abs()));
@@ -177,23 +177,23 @@ fn the_gradient_is_that_of_the_loss() {
 fn what_an_ablation_leaves_out_has_no_weight_in_the_loop() {
     let study =
         Study { without: Without { contact: true, time: true, direction: false }, ..Study::default() };
-    let mut state = go_on(Fit::new(Plan { study, ..plan() }, parts(), 2, None));
+    let mut state = go_on(ForesightFit::new(ForesightPlan { study, ..plan() }, parts(), 2, None));
     // Numbers that the loop need not round.
     state.parameters.iter_mut().for_each(|number| *number = f32::from_bits(number.to_bits() & 0xffff_0000));
     let weights = weights_of(&study, &state.parameters, STEP_NS).unwrap();
     let foresight = Foresight::new(&weights);
     let seen = |contact| {
-        let mut history = History::EMPTY;
+        let mut history = PenHistory::EMPTY;
         for k in 0..40 {
             let touch = foretrace_control::pen::Touch { contact, steps: if contact { k } else { 0 } };
-            history.observe(&Seen { touch, ..Seen::of([10.0, f64::from(k)]) });
+            history.observe(&PenStep { touch, ..PenStep::of([10.0, f64::from(k)]) });
         }
         *foresight.foresee(&history).path()
     };
     assert_eq!(seen(true), seen(false));
     // The same parameters as in training: the loop says what the trainer scored.
-    let all = of_writing(&writing(1), &Change::NONE, STEP_NS, &study);
-    let mut engine = Engine::new(Shape { inputs: study.inputs() }, 1, study);
+    let all = of_writing(&writing(1), &Distortion::NONE, STEP_NS, &study);
+    let mut engine = GradientEngine::new(ForesightShape { inputs: study.inputs() }, 1, study);
     let outputs = engine.outputs(&state.parameters, &all);
     let network = foretrace_control::predict::models::foresight::Network::new(&weights);
     for (row, output) in all.features.chunks(study.inputs()).zip(outputs.as_chunks::<OUTPUTS>().0).take(300) {
@@ -220,8 +220,10 @@ fn nothing_is_learned_across_a_jump_however_short() {
     for sample in &mut with.samples[101..] {
         sample.x_m += 2e-3;
     }
-    let without = Sequence { leaps: Vec::new(), ..with.clone() };
-    let of = |sequence: &Sequence| examples(std::slice::from_ref(sequence), STEP_NS, 0.0, &Study::default());
+    let without = WrittenCharacter { leaps: Vec::new(), ..with.clone() };
+    let of = |sequence: &WrittenCharacter| {
+        examples(std::slice::from_ref(sequence), STEP_NS, 0.0, &Study::default())
+    };
     let (seen, blind) = (of(&with), of(&without));
     // The loop sees the same pen; what the jump hides is no target: nodes of up to 24 steps before each.
     assert!(seen.features[..40] == blind.features[..40]);
@@ -229,7 +231,7 @@ fn nothing_is_learned_across_a_jump_however_short() {
     assert!(known(&seen) + 2 * 150 < known(&blind), "{} {}", known(&seen), known(&blind));
     // A slower tablet sees only where the jump leads.
     for seed in 0..50 {
-        let copy = Change::drawn(seed, 0.01, 0.005, 1.0).apply(&with);
+        let copy = Distortion::drawn(seed, 0.01, 0.005, 1.0).apply(&with);
         assert_eq!(copy.leaps.len(), 2, "seed {seed}");
         assert!(copy.leaps.iter().all(|leap| (1..copy.samples.len()).contains(leap)));
     }
@@ -238,12 +240,12 @@ fn nothing_is_learned_across_a_jump_however_short() {
 #[test]
 fn a_changed_copy_is_another_device_or_hand_and_an_unchanged_one_the_same() {
     let samples = sequence(samples(1, 200));
-    assert_eq!(Change::NONE.apply(&samples), samples);
+    assert_eq!(Distortion::NONE.apply(&samples), samples);
     let mut lengths = std::collections::BTreeSet::new();
     for seed in 0..200 {
-        let change = Change::drawn(seed, 0.01, 0.005, 1.0);
+        let change = Distortion::drawn(seed, 0.01, 0.005, 1.0);
         let copy = change.apply(&samples).samples;
-        assert_eq!(change, Change::drawn(seed, 0.01, 0.005, 1.0));
+        assert_eq!(change, Distortion::drawn(seed, 0.01, 0.005, 1.0));
         assert!(copy.len() < 2 * samples.samples.len() && copy.len() > 40, "{}", copy.len());
         assert!(copy.windows(2).all(|pair| pair[0].t_s < pair[1].t_s));
         lengths.insert(copy.len());

@@ -2,7 +2,7 @@
 //! none stored.
 
 use foretrace_lab::train::{
-    Adam, AdamSettings, Engine, Network, Objective, Padding, Penalty, Real, Setup, Shape, Strokes,
+    Adam, AdamSettings, Engine, LstmNetwork, LstmShape, Objective, Padding, Penalty, Real, Setup, Strokes,
 };
 use rand::{RngExt as _, SeedableRng as _};
 use rand_pcg::Pcg64;
@@ -10,7 +10,7 @@ use serde_json::Value;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-const SHAPE: Shape = Shape { cells: 10, leads: 1 };
+const SHAPE: LstmShape = LstmShape { cells: 10, leads: 1 };
 
 fn fixture(name: &str) -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../config/tests/files/fixtures/lstm").join(name)
@@ -50,7 +50,7 @@ fn steps(value: &Value) -> Vec<[f64; 2]> {
 
 fn paper(padding: Padding) -> Setup {
     Setup {
-        network: Network { shape: SHAPE, clip: None, residual: false, reset_beyond: None },
+        network: LstmNetwork { shape: SHAPE, clip: None, residual: false, reset_beyond: None },
         objective: Objective { padding, ..Objective::paper() },
         scale: 1.0,
     }
@@ -149,7 +149,12 @@ fn variants() -> Vec<Setup> {
                 {
                     for (gate, reset_beyond) in [(None, None), (Some(3.0), Some(3.0))] {
                         variants.push(Setup {
-                            network: Network { shape: Shape { cells, leads }, clip, residual, reset_beyond },
+                            network: LstmNetwork {
+                                shape: LstmShape { cells, leads },
+                                clip,
+                                residual,
+                                reset_beyond,
+                            },
                             objective: Objective {
                                 penalty,
                                 padding,

@@ -8,7 +8,7 @@ use std::path::Path;
 
 use foretrace_shm::{PieceKind, Thing, TickInput, TickRecord};
 
-use crate::recorder::{Offered, put_input, put_thing, put_tick, unix_minus_monotonic};
+use crate::recorder::{OfferedWeights, put_input, put_thing, put_tick, unix_minus_monotonic};
 use crate::trace;
 use foretrace_record::RecordError;
 use foretrace_record::write::Output;
@@ -18,19 +18,18 @@ const SETS: usize = 4096;
 /// Times the time kept that inputs are kept at most, for want of a newer state.
 const BEHIND: u64 = 4;
 
-/// The last seconds.
 #[derive(Debug, Default)]
-pub(super) struct Memory {
+pub(super) struct FlightMemory {
     law: Option<Thing>,
     settings: Option<Thing>,
     states: VecDeque<Thing>,
     sets: VecDeque<Thing>,
     inputs: VecDeque<Box<TickInput>>,
     pub(super) ticks: VecDeque<Box<TickRecord>>,
-    offered: Offered,
+    offered: OfferedWeights,
 }
 
-impl Memory {
+impl FlightMemory {
     /// Whether the newest tick cannot be run again yet: its weights are on their way.
     pub(super) const fn lacks_weights(&self) -> bool {
         self.offered.is_due()
@@ -48,7 +47,7 @@ impl Memory {
             PieceKind::Settings => self.settings = Some(thing),
             PieceKind::State => self.states.push_back(thing),
             PieceKind::Weights => {
-                // Whoever begins to listen anew gets the newest ones again.
+                // Whoever begins to listen again gets the newest ones again.
                 let known = self
                     .sets
                     .iter()
@@ -142,7 +141,7 @@ mod tests {
 
     #[test]
     fn what_is_kept_begins_at_the_newest_state_that_is_old_enough() {
-        let mut memory = Memory::default();
+        let mut memory = FlightMemory::default();
         for tick in 1..=1000 {
             if tick % 100 == 50 {
                 memory.thing(state(tick - 1));
@@ -167,7 +166,7 @@ mod tests {
 
     #[test]
     fn a_tick_lacks_the_weights_that_it_was_offered_until_they_are_whole() {
-        let mut memory = Memory::default();
+        let mut memory = FlightMemory::default();
         memory.input(input(1));
         assert!(!memory.lacks_weights());
         memory.input(Box::new(TickInput {
@@ -183,7 +182,7 @@ mod tests {
 
     #[test]
     fn memory_is_bounded_when_no_further_state_comes() {
-        let mut memory = Memory::default();
+        let mut memory = FlightMemory::default();
         memory.thing(state(1));
         for tick in 1..=5000 {
             memory.inputs.push_back(input(tick));

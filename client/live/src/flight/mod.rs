@@ -14,17 +14,17 @@ use foretrace_shm::{Mode, Rung, TickRecord, health};
 use serde::Serialize;
 
 use crate::recorder::WEIGHTS_PATIENCE;
-use crate::source::{Heard, News, Source};
-use foretrace_record::write::{Facts, Output, part_of};
+use crate::source::{LiveSource, SourceMessage, SourceNews};
+use foretrace_record::write::{FileFacts, Output, part_of};
 use foretrace_record::{RecordError, whole};
-use memory::Memory;
+use memory::FlightMemory;
 
 /// Seconds after a trigger that are written too.
 const AFTER: Duration = Duration::from_secs(1);
 
 /// What a flight recorder does.
 #[derive(Debug, Clone)]
-pub struct Options {
+pub struct FlightOptions {
     /// Folder of the files.
     pub folder: PathBuf,
     /// Time before a trigger that is written.
@@ -34,20 +34,18 @@ pub struct Options {
     /// Files that are kept, the newest ones.
     pub max_files: usize,
     /// What the files say about themselves.
-    pub facts: Facts,
+    pub facts: FileFacts,
 }
 
 /// Why a file was written; of two, the first one matters more.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Trigger {
-    /// A stop latched.
     Stop,
     /// A tick ended after its deadline.
     Overrun,
     /// The loop began to follow the pen without a plan of its own.
     PlanFailed,
-    /// Somebody asked.
     Request,
 }
 
@@ -91,27 +89,21 @@ impl Trigger {
 
 /// A file that was written.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-pub struct Written {
-    /// The recording.
+pub struct FlightFile {
     pub recording: PathBuf,
     /// The same as a Perfetto trace.
     pub trace: PathBuf,
-    /// Why.
     pub trigger: Trigger,
-    /// Ticks in it.
     pub ticks: u64,
 }
 
-/// The recorder.
 #[derive(Debug)]
 pub struct Flight {
-    options: Options,
-    source: Source,
+    options: FlightOptions,
+    source: LiveSource,
     /// When a state was asked for.
     since: Instant,
-    /// It could not be asked for; told already.
-    deaf: bool,
-    memory: Memory,
+    memory: FlightMemory,
     due: Option<(Instant, Trigger)>,
     /// Somebody asked while a file was due.
     asked: bool,
@@ -127,7 +119,7 @@ impl Flight {
     /// # Errors
     ///
     /// The folder cannot be made or read.
-    pub fn start(source: Source, options: Options) -> Result<Self, RecordError> {
+    pub fn start(source: LiveSource, options: FlightOptions) -> Result<Self, RecordError> {
         std::fs::create_dir_all(&options.folder)
             .map_err(|source| RecordError::Write { path: options.folder.clone(), source })?;
         let files = earlier(&options.folder)
@@ -135,9 +127,8 @@ impl Flight {
         Ok(Self {
             source,
             since: Instant::now(),
-            deaf: false,
             options,
-            memory: Memory::default(),
+            memory: FlightMemory::default(),
             due: None,
             asked: false,
             last: None,
@@ -159,7 +150,7 @@ impl Flight {
 
     fn trigger(&mut self, trigger: Trigger) {
         if let Some((_, due)) = &mut self.due {
-            // Nobody who asks is forgotten, and a stop is no detail of what led to it.
+            // Nobody who asks is forgotten, and a stop is not a detail of what led to it.
             self.asked |= trigger == Trigger::Request || (*due == Trigger::Request && trigger < *due);
             *due = (*due).min(trigger);
             return;
@@ -173,13 +164,13 @@ impl Flight {
         self.due = Some((Instant::now() + AFTER, trigger));
     }
 
-    /// Takes what has come; returns the file that was written, if one was due. `tell` is told what changed.
+    /// Takes what has come; returns the file that was written, if one was due. `tell` gets what changed.
     /// Call this every few milliseconds.
     ///
     /// # Errors
     ///
     /// The file cannot be written.
-    pub fn hear(&mut self, mut tell: impl FnMut(News)) -> Result<Option<Written>, RecordError> {
+    pub fn hear(&mut self, mut tell: impl FnMut(SourceNews)) -> Result<Option<FlightFile>, RecordError> {
         if let Some(trigger) = self.take(&mut tell) {
             self.trigger(trigger);
         }
@@ -194,28 +185,24 @@ impl Flight {
         // Whoever begins to listen gets a state.
         if self.since.elapsed() > self.options.keep / 2 {
             self.since = Instant::now();
-            match self.source.start_again() {
-                Ok(()) => self.deaf = false,
-                Err(error) if !std::mem::replace(&mut self.deaf, true) => tell(News::Deaf(error)),
-                Err(_) => {}
-            }
+            self.source.start_again().err().flatten().into_iter().for_each(tell);
         }
         Ok(None)
     }
 
     /// Takes in what has come; returns what of it asks for a file.
-    fn take(&mut self, tell: &mut impl FnMut(News)) -> Option<Trigger> {
+    fn take(&mut self, tell: &mut impl FnMut(SourceNews)) -> Option<Trigger> {
         let memory = &mut self.memory;
         let mut found = None;
         let news = self.source.hear(|heard| match heard {
-            Heard::Tick(record) => {
+            SourceMessage::Tick(record) => {
                 let new = Trigger::of(memory.ticks.back().map(|last| &**last), &record);
                 found = found.into_iter().chain(new).min();
                 memory.ticks.push_back(record);
             }
-            Heard::Input(input) => memory.input(input),
-            Heard::Thing(thing) => memory.thing(thing),
-            Heard::Status(_) => {}
+            SourceMessage::Input(input) => memory.input(input),
+            SourceMessage::Thing(thing) => memory.thing(thing),
+            SourceMessage::Status(_) => {}
         });
         memory.forget(u64::try_from(self.options.keep.as_nanos()).unwrap_or(u64::MAX));
         news.into_iter().for_each(tell);
@@ -223,24 +210,24 @@ impl Flight {
     }
 
     /// Writes what is in memory now.
-    fn write(&mut self, trigger: Trigger) -> Result<Written, RecordError> {
+    fn write(&mut self, trigger: Trigger) -> Result<FlightFile, RecordError> {
         let unix = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap_or_default();
         let name = format!("flight-{}-{}", unix.as_millis(), trigger.word());
-        let place = |extension: &str| self.options.folder.join(format!("{name}.{extension}"));
+        let path_of = |extension: &str| self.options.folder.join(format!("{name}.{extension}"));
         let mut facts = self.options.facts.clone();
         facts.insert("trigger".to_owned(), trigger.word().to_owned());
-        let recording = place("mcap");
+        let recording = path_of("mcap");
         let part = part_of(&recording);
         let mut output = Output::create(&recording, &facts)?;
         let done = self.memory.write(&mut output).and_then(|()| output.finish(&self.told()));
         // Half a file helps nobody, and its room is needed.
         let recording = done.inspect_err(|_| drop(std::fs::remove_file(&part)))?;
         self.files.push_back(recording.clone());
-        let trace = place("perfetto-trace");
+        let trace = path_of("perfetto-trace");
         let pid = facts.get("daemon_pid").and_then(|pid| pid.parse().ok()).unwrap_or(0);
         whole(&trace, |file| self.memory.write_trace(pid, file, &trace))?;
         let ticks = self.memory.ticks.len() as u64;
-        let written = Written { recording, trace, trigger, ticks };
+        let written = FlightFile { recording, trace, trigger, ticks };
         while self.files.len() > self.options.max_files.max(1) {
             if let Some(old) = self.files.pop_front() {
                 remove(&old)?;
@@ -251,7 +238,7 @@ impl Flight {
     }
 
     /// What is missing, as facts at the end of a file.
-    fn told(&self) -> Facts {
+    fn told(&self) -> FileFacts {
         let lost = self.source.lost();
         [("inputs_lost", lost.inputs), ("ticks_lost", lost.ticks), ("suppressed", self.suppressed)]
             .map(|(key, count)| (key.to_owned(), count.to_string()))
@@ -306,11 +293,14 @@ mod tests {
 
     #[test]
     fn files_of_earlier_recorders_are_known_in_order_and_others_are_left() {
-        let place = tempfile::TempDir::new().unwrap();
+        let folder = tempfile::TempDir::new().unwrap();
         for name in ["flight-20-stop.mcap", "flight-9-plan-failed.mcap", "mine.mcap", "flight-x.mcap"] {
-            std::fs::write(place.path().join(name), "").unwrap();
+            std::fs::write(folder.path().join(name), "").unwrap();
         }
-        let found = earlier(place.path()).unwrap();
-        assert_eq!(found, ["flight-9-plan-failed.mcap", "flight-20-stop.mcap"].map(|n| place.path().join(n)));
+        let found = earlier(folder.path()).unwrap();
+        assert_eq!(
+            found,
+            ["flight-9-plan-failed.mcap", "flight-20-stop.mcap"].map(|n| folder.path().join(n))
+        );
     }
 }

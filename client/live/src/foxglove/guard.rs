@@ -4,7 +4,7 @@
 
 use std::net::SocketAddr;
 
-use foretrace_serve::guard::{Guard, Token};
+use foretrace_serve::guard::{HostGuard, Token};
 use foretrace_serve::http::Head;
 
 /// The subprotocols in use, the preferred one first. The messages of all three are the same: those of
@@ -15,7 +15,7 @@ const VIEWERS: [&str; 2] = ["https://app.foxglove.dev", "file://"];
 
 /// Why a connection is refused.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) struct Refusal {
+pub(crate) struct ViewerRefusal {
     /// In words to count by.
     pub(crate) reason: &'static str,
     /// For the viewer, with what to do.
@@ -31,21 +31,21 @@ pub(crate) struct Admitted {
 }
 
 /// The door of one server.
-pub(crate) struct Door {
-    guard: Guard,
+pub(crate) struct ViewerDoor {
+    guard: HostGuard,
     pub(crate) token: Token,
 }
 
-impl Door {
+impl ViewerDoor {
     /// Of a server that listens at `at`; `origins` are allowed beside those of the viewers.
     pub(crate) fn new(at: SocketAddr, origins: Vec<String>, token: Token) -> Self {
         let viewers = VIEWERS.map(str::to_owned);
-        Self { guard: Guard::of_pages(at, origins.into_iter().chain(viewers).collect()), token }
+        Self { guard: HostGuard::of_pages(at, origins.into_iter().chain(viewers).collect()), token }
     }
 
     /// Judges the request that would open a socket.
-    pub(crate) fn judge(&self, request: &Head) -> Result<Admitted, Refusal> {
-        let refuse = |reason, message| Err(Refusal { reason, message });
+    pub(crate) fn judge(&self, request: &Head) -> Result<Admitted, ViewerRefusal> {
+        let refuse = |reason, message| Err(ViewerRefusal { reason, message });
         if !request.only("host").is_some_and(|host| self.guard.is_host(host)) {
             return refuse(
                 "foreign host",
@@ -89,9 +89,9 @@ impl Door {
 mod tests {
     use super::*;
 
-    fn door() -> Door {
+    fn door() -> ViewerDoor {
         let origins = vec!["https://mine.example".to_owned()];
-        Door::new("127.0.0.1:8765".parse().unwrap(), origins, Token::random().unwrap())
+        ViewerDoor::new("127.0.0.1:8765".parse().unwrap(), origins, Token::random().unwrap())
     }
 
     fn asked(headers: &[(&str, &str)], path: &str) -> Head {

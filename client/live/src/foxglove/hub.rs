@@ -7,7 +7,8 @@ use std::collections::{BTreeMap, VecDeque};
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use foretrace_client::{Mode, Status, TrustReason};
+use foretrace_client::wire::TrustReason;
+use foretrace_client::{Mode, Status};
 use serde_json::{Value, json};
 
 /// Messages that wait for one viewer at most: half a second of all topics at 500 Hz.
@@ -15,8 +16,8 @@ const QUEUE: usize = 1024;
 
 /// A message of a topic.
 #[derive(Debug, Clone)]
-pub(crate) struct Data {
-    /// Place in [`super::protocol::CHANNELS`].
+pub(crate) struct TopicMessage {
+    /// Index in [`super::protocol::CHANNELS`].
     pub(crate) channel: usize,
     /// Since 1970 \[ns\].
     pub(crate) time_ns: u64,
@@ -25,7 +26,7 @@ pub(crate) struct Data {
 
 /// What a server did.
 #[derive(Debug, Clone, PartialEq, Eq, Default, serde::Serialize)]
-pub struct Tally {
+pub struct ViewerTally {
     /// Viewers that came in.
     pub viewers: u64,
     /// Connections and messages that were refused, and viewers that were let go, by reason.
@@ -40,9 +41,9 @@ pub struct Tally {
 
 /// Values that viewers see, in order of their names.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub(crate) struct Parameters(Vec<(&'static str, Value)>);
+pub(crate) struct ViewerParameters(Vec<(&'static str, Value)>);
 
-impl Parameters {
+impl ViewerParameters {
     /// Those of a status; numbers are rounded, so that small changes are none.
     pub(crate) fn of(status: &Status) -> Self {
         let rounded = |value: f64| json!((value * 1e3).round() * 1e-3);
@@ -71,21 +72,21 @@ impl Parameters {
 
 /// The queue of one viewer.
 #[derive(Debug, Default)]
-pub(crate) struct Queue {
+pub(crate) struct ViewerQueue {
     /// Bit `n`: channel `n` is subscribed to.
     pub(crate) wanted: AtomicU32,
-    waiting: Mutex<Waiting>,
+    waiting: Mutex<QueuedMessages>,
 }
 
 #[derive(Debug, Default)]
-struct Waiting {
-    data: VecDeque<Data>,
+struct QueuedMessages {
+    data: VecDeque<TopicMessage>,
     words: VecDeque<String>,
 }
 
-impl Queue {
+impl ViewerQueue {
     /// Returns how many messages had to go for this one.
-    fn push(&self, data: Data) -> u64 {
+    fn push(&self, data: TopicMessage) -> u64 {
         let mut waiting = lock(&self.waiting);
         waiting.data.push_back(data);
         u64::from(waiting.data.len() > QUEUE && waiting.data.pop_front().is_some())
@@ -101,7 +102,7 @@ impl Queue {
     }
 
     /// Puts messages back before those that have come since; returns how many had to go.
-    pub(crate) fn put_back(&self, mut data: VecDeque<Data>) -> u64 {
+    pub(crate) fn put_back(&self, mut data: VecDeque<TopicMessage>) -> u64 {
         let mut waiting = lock(&self.waiting);
         data.append(&mut waiting.data);
         let most = data.len().saturating_sub(QUEUE);
@@ -111,20 +112,19 @@ impl Queue {
     }
 
     /// Takes all that waits.
-    pub(crate) fn take(&self) -> (VecDeque<String>, VecDeque<Data>) {
+    pub(crate) fn take(&self) -> (VecDeque<String>, VecDeque<TopicMessage>) {
         let mut waiting = lock(&self.waiting);
         (std::mem::take(&mut waiting.words), std::mem::take(&mut waiting.data))
     }
 }
 
-/// See the module.
 #[derive(Debug, Default)]
 pub(crate) struct Hub {
-    queues: Mutex<Vec<Arc<Queue>>>,
-    tally: Mutex<Tally>,
-    parameters: Mutex<(u64, Arc<Parameters>)>,
+    queues: Mutex<Vec<Arc<ViewerQueue>>>,
+    tally: Mutex<ViewerTally>,
+    parameters: Mutex<(u64, Arc<ViewerParameters>)>,
     /// The newest message of a topic that whoever comes later needs too.
-    kept: Mutex<Option<Data>>,
+    kept: Mutex<Option<TopicMessage>>,
     /// Now, since 1970 \[ns\]; at least ten times a second.
     pub(crate) now_ns: AtomicU64,
     over: AtomicBool,
@@ -136,13 +136,13 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 
 impl Hub {
     /// A viewer comes in.
-    pub(crate) fn enter(&self) -> Arc<Queue> {
-        let queue = Arc::new(Queue::default());
+    pub(crate) fn enter(&self) -> Arc<ViewerQueue> {
+        let queue = Arc::new(ViewerQueue::default());
         lock(&self.queues).push(queue.clone());
         queue
     }
 
-    pub(crate) fn leave(&self, queue: &Arc<Queue>) {
+    pub(crate) fn leave(&self, queue: &Arc<ViewerQueue>) {
         lock(&self.queues).retain(|known| !Arc::ptr_eq(known, queue));
     }
 
@@ -152,8 +152,9 @@ impl Hub {
     }
 
     /// Puts a message into the queue of every viewer that wants it.
-    pub(crate) fn publish(&self, data: &Data) {
-        let wants = |queue: &&Arc<Queue>| queue.wanted.load(Ordering::Relaxed) & (1 << data.channel) != 0;
+    pub(crate) fn publish(&self, data: &TopicMessage) {
+        let wants =
+            |queue: &&Arc<ViewerQueue>| queue.wanted.load(Ordering::Relaxed) & (1 << data.channel) != 0;
         let dropped =
             lock(&self.queues).iter().filter(wants).map(|queue| queue.push(data.clone())).sum::<u64>();
         if dropped > 0 {
@@ -162,7 +163,7 @@ impl Hub {
     }
 
     /// The same, and for every viewer that subscribes later.
-    pub(crate) fn keep(&self, data: Data) {
+    pub(crate) fn keep(&self, data: TopicMessage) {
         let mut kept = lock(&self.kept);
         self.publish(&data);
         *kept = Some(data);
@@ -170,7 +171,7 @@ impl Hub {
 
     /// The message that was kept, if it is of this channel. Whoever first wants the channel and then asks
     /// misses none: what is not kept yet is published from now on.
-    pub(crate) fn kept(&self, channel: usize) -> Option<Data> {
+    pub(crate) fn kept(&self, channel: usize) -> Option<TopicMessage> {
         lock(&self.kept).clone().filter(|data| data.channel == channel)
     }
 
@@ -179,17 +180,17 @@ impl Hub {
         lock(&self.queues).iter().for_each(|queue| queue.say(words));
     }
 
-    pub(crate) fn show(&self, parameters: Parameters) {
+    pub(crate) fn show(&self, parameters: ViewerParameters) {
         let mut shown = lock(&self.parameters);
         *shown = (shown.0 + 1, Arc::new(parameters));
     }
 
     /// How often parameters were shown, and the newest ones.
-    pub(crate) fn parameters(&self) -> (u64, Arc<Parameters>) {
+    pub(crate) fn parameters(&self) -> (u64, Arc<ViewerParameters>) {
         lock(&self.parameters).clone()
     }
 
-    pub(crate) fn count(&self, change: impl FnOnce(&mut Tally)) {
+    pub(crate) fn count(&self, change: impl FnOnce(&mut ViewerTally)) {
         change(&mut lock(&self.tally));
     }
 
@@ -197,7 +198,7 @@ impl Hub {
         self.count(|tally| *tally.refused.entry(reason).or_default() += 1);
     }
 
-    pub(crate) fn tally(&self) -> Tally {
+    pub(crate) fn tally(&self) -> ViewerTally {
         lock(&self.tally).clone()
     }
 
@@ -223,8 +224,8 @@ mod tests {
         assert!(hub.wants(0) && !hub.wants(1));
         let mut taken = Vec::new();
         for time_ns in 1..=3 * QUEUE as u64 {
-            hub.publish(&Data { channel: 0, time_ns, bytes: Arc::new([]) });
-            hub.publish(&Data { channel: 1, time_ns, bytes: Arc::new([]) });
+            hub.publish(&TopicMessage { channel: 0, time_ns, bytes: Arc::new([]) });
+            hub.publish(&TopicMessage { channel: 1, time_ns, bytes: Arc::new([]) });
             taken.extend(fast.take().1.into_iter().map(|data| data.time_ns));
         }
         assert_eq!(taken, (1..=3 * QUEUE as u64).collect::<Vec<_>>());
@@ -232,7 +233,7 @@ mod tests {
         assert_eq!(kept, (2 * QUEUE as u64 + 1..=3 * QUEUE as u64).collect::<Vec<_>>());
         assert_eq!(hub.tally().dropped, 2 * QUEUE as u64);
         // What it could not take stands before what has come since.
-        let data = |time_ns| Data { channel: 0, time_ns, bytes: Arc::new([]) };
+        let data = |time_ns| TopicMessage { channel: 0, time_ns, bytes: Arc::new([]) };
         hub.publish(&data(3));
         assert_eq!(slow.put_back([data(1), data(2)].into()), 0);
         assert_eq!(slow.take().1.iter().map(|data| data.time_ns).collect::<Vec<_>>(), [1, 2, 3]);
@@ -250,7 +251,7 @@ mod tests {
             let queue = hub.enter();
             let keeper = hub.clone();
             let keeping = std::thread::spawn(move || {
-                keeper.keep(Data { channel: 3, time_ns: 1, bytes: Arc::new([]) });
+                keeper.keep(TopicMessage { channel: 3, time_ns: 1, bytes: Arc::new([]) });
             });
             queue.wanted.store(1 << 3, Ordering::Relaxed);
             let kept = hub.kept(3);
@@ -260,13 +261,13 @@ mod tests {
     }
 
     #[test]
-    fn only_parameters_that_changed_are_told_again() {
+    fn only_parameters_that_changed_are_reported_again() {
         let mut status = Status { trust: 0.5, mode: Mode::Following.into(), ..Status::default() };
-        let before = Parameters::of(&status);
+        let before = ViewerParameters::of(&status);
         status.trust = 0.5001;
-        assert_eq!(Parameters::of(&status), before);
+        assert_eq!(ViewerParameters::of(&status), before);
         status.trust = 0.51;
-        let changed = Parameters::of(&status).changed_since(&before);
+        let changed = ViewerParameters::of(&status).changed_since(&before);
         assert_eq!(changed.named(&[]), [("trust", json!(0.51))]);
         assert_eq!(before.named(&["mode".to_owned()]), [("mode", json!("following"))]);
         assert!(before.named(&["nothing".to_owned()]).is_empty());

@@ -17,5 +17,5 @@ mod viewer;
 mod settings;
 mod server;
 
-pub use hub::Tally;
-pub use server::{FoxgloveError, Options, Server};
+pub use hub::ViewerTally;
+pub use server::{FoxgloveError, FoxgloveOptions, Server};

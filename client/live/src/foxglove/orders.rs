@@ -1,7 +1,7 @@
 //! What viewers ask for, and the two threads that do it: one stops the arm, one asks the daemon.
 //!
 //! Contract: a stop waits for nothing but stops. Those that came before one is sent share it. An order has a
-//! bounded place to wait in, is dropped when it has waited for more than a second, and keeps its date, so
+//! bounded queue to wait in, is dropped when it has waited for more than a second, and keeps its date, so
 //! that the daemon refuses to arm what was stopped since then.
 
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use foretrace_client::{Foretrace, Instance, monotonic_now_ns};
 
-use super::protocol::Setting;
+use super::protocol::ViewerSetting;
 
 /// Orders that may wait.
 const WAITING: usize = 4;
@@ -23,32 +23,31 @@ const STOP: Duration = Duration::from_secs(2);
 const LASTS_NS: u64 = 1_000_000_000;
 
 /// What came of it, in words.
-pub(crate) type Answer = Result<String, String>;
+pub(crate) type OrderAnswer = Result<String, String>;
 /// Where the answer goes.
-pub(crate) type Reply = Box<dyn FnOnce(Answer) + Send>;
+pub(crate) type ReplyFn = Box<dyn FnOnce(OrderAnswer) + Send>;
 
 /// What the daemon is asked for.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) enum What {
+pub(crate) enum OrderKind {
     Arm,
-    Set(Setting),
+    Set(ViewerSetting),
 }
 
-struct Order {
-    what: What,
+struct ViewerOrder {
+    what: OrderKind,
     asked_ns: u64,
-    reply: Reply,
+    reply: ReplyFn,
 }
 
 /// The way to both threads, which end with the last of these.
 #[derive(Clone)]
 pub(crate) struct Orders {
-    orders: SyncSender<Order>,
-    stops: SyncSender<Reply>,
+    orders: SyncSender<ViewerOrder>,
+    stops: SyncSender<ReplyFn>,
 }
 
 impl Orders {
-    /// Starts the threads.
     pub(crate) fn start(instance: &Instance) -> std::io::Result<Self> {
         let ((orders, due), (stops, wanted)) = (sync_channel(WAITING), sync_channel(STOPS));
         let (asked, stopped) = (instance.clone(), instance.clone());
@@ -64,8 +63,7 @@ impl Orders {
         Ok(Self { orders, stops })
     }
 
-    /// Stops the arm.
-    pub(crate) fn stop(&self, reply: Reply) {
+    pub(crate) fn stop(&self, reply: ReplyFn) {
         match self.stops.try_send(reply) {
             Ok(()) => {}
             // Sixty-four stops are under way.
@@ -76,8 +74,8 @@ impl Orders {
     }
 
     /// Passes an order on; one that finds no room is refused.
-    pub(crate) fn pass(&self, what: What, reply: Reply) {
-        match self.orders.try_send(Order { what, asked_ns: monotonic_now_ns(), reply }) {
+    pub(crate) fn pass(&self, what: OrderKind, reply: ReplyFn) {
+        match self.orders.try_send(ViewerOrder { what, asked_ns: monotonic_now_ns(), reply }) {
             Ok(()) => {}
             Err(TrySendError::Full(order) | TrySendError::Disconnected(order)) => {
                 (order.reply)(Err("orders before it wait for the daemon: try again".to_owned()));
@@ -86,15 +84,15 @@ impl Orders {
     }
 }
 
-fn serve(due: &Receiver<Order>, mut ask: impl FnMut(&What, u64) -> Answer) {
-    while let Ok(Order { what, asked_ns, reply }) = due.recv() {
+fn serve(due: &Receiver<ViewerOrder>, mut ask: impl FnMut(&OrderKind, u64) -> OrderAnswer) {
+    while let Ok(ViewerOrder { what, asked_ns, reply }) = due.recv() {
         let waited_ns = monotonic_now_ns().saturating_sub(asked_ns);
         let late = "it waited behind other orders for too long: try again";
         reply(if waited_ns > LASTS_NS { Err(late.to_owned()) } else { ask(&what, asked_ns) });
     }
 }
 
-fn serve_stops(wanted: &Receiver<Reply>, mut stop: impl FnMut() -> Answer) {
+fn serve_stops(wanted: &Receiver<ReplyFn>, mut stop: impl FnMut() -> OrderAnswer) {
     while let Ok(first) = wanted.recv() {
         let mut replies = vec![first];
         replies.extend(wanted.try_iter().take(STOPS));
@@ -103,15 +101,15 @@ fn serve_stops(wanted: &Receiver<Reply>, mut stop: impl FnMut() -> Answer) {
     }
 }
 
-fn ask(instance: &Instance, what: &What, asked_ns: u64) -> Answer {
+fn ask(instance: &Instance, what: &OrderKind, asked_ns: u64) -> OrderAnswer {
     let words = |error: &dyn std::fmt::Display| error.to_string();
     let foretrace = Foretrace::attach_within(instance, Duration::ZERO).map_err(|error| words(&error))?;
-    let mut requests = foretrace.requests().map_err(|error| words(&error))?.decided_at(asked_ns);
+    let mut requests = foretrace.requests().decided_at(asked_ns);
     let answer = match what {
-        What::Arm => requests.arm(ANSWER),
-        What::Set(Setting::Trust(trust)) => requests.set_trust(*trust, ANSWER),
-        What::Set(Setting::TrustAuto) => requests.trust_auto(ANSWER),
-        What::Set(Setting::Predictor(name)) => requests.switch_predictor(name, ANSWER),
+        OrderKind::Arm => requests.arm(ANSWER),
+        OrderKind::Set(ViewerSetting::Trust(trust)) => requests.set_trust(*trust, ANSWER),
+        OrderKind::Set(ViewerSetting::TrustAuto) => requests.trust_auto(ANSWER),
+        OrderKind::Set(ViewerSetting::Predictor(name)) => requests.switch_predictor(name, ANSWER),
     };
     let text = answer.map_err(|error| words(&error))?.text();
     Ok(if text.is_empty() { "done".to_owned() } else { text })
@@ -128,7 +126,7 @@ mod tests {
         let (stops, wanted) = sync_channel(STOPS);
         for _ in 0..10 {
             let sender = sender.clone();
-            let reply: Reply = Box::new(move |answer| sender.send(answer).unwrap());
+            let reply: ReplyFn = Box::new(move |answer| sender.send(answer).unwrap());
             assert!(stops.try_send(reply).is_ok());
         }
         drop((stops, sender));
@@ -147,8 +145,8 @@ mod tests {
         let now = monotonic_now_ns();
         for asked_ns in [now, now - 2 * LASTS_NS] {
             let sender = sender.clone();
-            let reply: Reply = Box::new(move |answer| sender.send(answer).unwrap());
-            assert!(orders.try_send(Order { what: What::Arm, asked_ns, reply }).is_ok());
+            let reply: ReplyFn = Box::new(move |answer| sender.send(answer).unwrap());
+            assert!(orders.try_send(ViewerOrder { what: OrderKind::Arm, asked_ns, reply }).is_ok());
         }
         drop((orders, sender));
         let mut asked = Vec::new();
@@ -156,8 +154,8 @@ mod tests {
             asked.push((what.clone(), at_ns));
             Ok("armed".to_owned())
         });
-        assert_eq!(asked, [(What::Arm, now)]);
-        let answers: Vec<Answer> = answers.iter().collect();
+        assert_eq!(asked, [(OrderKind::Arm, now)]);
+        let answers: Vec<OrderAnswer> = answers.iter().collect();
         assert!(answers[0].is_ok() && answers[1].is_err(), "{answers:?}");
     }
 }

@@ -5,28 +5,29 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-use foretrace_client::{FaultReason, Instance, Mode, Status, TickRecord, monotonic_now_ns};
+use foretrace_client::wire::FaultReason;
+use foretrace_client::{Instance, Mode, Status, TickRecord, monotonic_now_ns};
 use foretrace_serve::guard::Token;
 use foretrace_serve::http::{self, Head};
 use foretrace_serve::metered::Metered;
-use foretrace_serve::peers::{Limits, Peers, Slot};
+use foretrace_serve::peers::{PeerLimits, Peers, Slot, bound_waits};
 
-use super::guard::{Admitted, Door};
-use super::hub::{Data, Hub, Parameters, Tally};
+use super::guard::{Admitted, ViewerDoor};
+use super::hub::{Hub, TopicMessage, ViewerParameters, ViewerTally};
 use super::orders::Orders;
-use super::protocol::{self, CHANNELS, Level};
+use super::protocol::{self, CHANNELS, StatusLevel};
 use super::settings::Settings;
 use super::viewer::Viewer;
 use crate::LiveError;
 use crate::recorder::unix_minus_monotonic;
-use crate::source::{Heard, News, Source, Wants};
+use crate::source::{LiveSource, SourceMessage, SourceNews, Wants};
 use foretrace_record::scene::{Preview, Scene};
-use foretrace_record::topics::{Topic, frames, log, tick, warning};
+use foretrace_record::topics::{RecordingTopic, frames, log, tick, warning};
 
 /// Most bytes of a viewer per second: far more than one says.
 const BYTES: usize = 4 << 20;
 /// Viewers at a time, and those that ask to be one.
-const LIMITS: Limits = Limits { all: 16, remote: 16, of_one: 16, local: 16 };
+const LIMITS: PeerLimits = PeerLimits { all: 16, remote: 16, of_one: 16, local: 16 };
 /// Between two looks at what has come.
 const NAP: Duration = Duration::from_millis(2);
 /// Longest wait for bytes of a request, and for a refusal to be taken.
@@ -34,7 +35,7 @@ const WAIT: Duration = Duration::from_millis(200);
 
 /// What a server does.
 #[derive(Debug, Clone)]
-pub struct Options {
+pub struct FoxgloveOptions {
     /// Where to listen; port 0: a free one.
     pub listen: SocketAddr,
     /// Origins of pages that may come in, beside those of the viewers.
@@ -46,12 +47,7 @@ pub struct Options {
 pub enum FoxgloveError {
     /// Nobody can listen there.
     #[error("cannot listen on {at}: {source}; give another --listen")]
-    Taken {
-        /// The address.
-        at: SocketAddr,
-        /// The system's error.
-        source: std::io::Error,
-    },
+    Taken { at: SocketAddr, source: std::io::Error },
     /// The system gives no random numbers, or no thread.
     #[error("the server cannot start: {0}")]
     System(#[from] std::io::Error),
@@ -73,21 +69,15 @@ struct Around {
 pub struct Server {
     listener: TcpListener,
     peers: Arc<Peers>,
-    door: Arc<Door>,
+    door: Arc<ViewerDoor>,
     at: SocketAddr,
     hub: Arc<Hub>,
     orders: Orders,
-    source: Source,
+    source: LiveSource,
     settings: Settings,
     around: Around,
     /// From the monotonic clock to the time since 1970 \[ns\].
     clock: u64,
-}
-
-impl std::fmt::Debug for Server {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Server").field("at", &self.at).finish_non_exhaustive()
-    }
 }
 
 impl Server {
@@ -95,15 +85,15 @@ impl Server {
     ///
     /// # Errors
     ///
-    /// `Taken`, `System`, `Source`.
-    pub fn open(instance: &Instance, options: Options) -> Result<Self, FoxgloveError> {
-        let Options { listen, origins } = options;
-        let source = Source::open(instance, Wants::TICKS)?;
+    /// `Taken`, `System`, `LiveSource`.
+    pub fn open(instance: &Instance, options: FoxgloveOptions) -> Result<Self, FoxgloveError> {
+        let FoxgloveOptions { listen, origins } = options;
+        let source = LiveSource::open(instance, Wants::TICKS)?;
         let taken = |source| FoxgloveError::Taken { at: listen, source };
         let listener = TcpListener::bind(listen).map_err(taken)?;
         listener.set_nonblocking(true)?;
         let at = listener.local_addr()?;
-        let door = Arc::new(Door::new(at, origins, Token::random()?));
+        let door = Arc::new(ViewerDoor::new(at, origins, Token::random()?));
         let orders = Orders::start(instance)?;
         let (hub, clock) = (Arc::new(Hub::default()), unix_minus_monotonic());
         let (settings, around) = (Settings::new(instance), Around::default());
@@ -111,7 +101,6 @@ impl Server {
         Ok(Self { listener, peers, door, at, hub, orders, source, settings, around, clock })
     }
 
-    /// Where it listens.
     #[must_use]
     pub const fn at(&self) -> SocketAddr {
         self.at
@@ -123,9 +112,9 @@ impl Server {
         self.door.token.text()
     }
 
-    /// Serves viewers until `over` says so; `tell` is told what changed.
-    pub fn run(mut self, mut tell: impl FnMut(News), mut over: impl FnMut() -> bool) -> Tally {
-        let (mut shown, mut before) = (Shown::default(), None);
+    /// Serves viewers until `over` says so; `tell` gets what changed.
+    pub fn run(mut self, mut tell: impl FnMut(SourceNews), mut over: impl FnMut() -> bool) -> ViewerTally {
+        let (mut shown, mut before) = (ShownStatus::default(), None);
         while !over() {
             // No more at once than there may be: ticks do not wait.
             for _ in 0..LIMITS.all {
@@ -134,28 +123,28 @@ impl Server {
             }
             let now = monotonic_now_ns().wrapping_add(self.clock);
             self.hub.now_ns.store(now, Ordering::Relaxed);
-            let wanted = CHANNELS.map(|topic| self.hub.wants(place(topic)));
+            let wanted = CHANNELS.map(|topic| self.hub.wants(channel_of(topic)));
             self.look_around(now, &mut tell);
             let (hub, clock, around) = (&self.hub, self.clock, &mut self.around);
             let news = self.source.hear(|heard| match heard {
-                Heard::Tick(record) => {
+                SourceMessage::Tick(record) => {
                     publish(hub, (before.as_deref(), &record), around, clock, wanted);
                     before = Some(record);
                 }
-                Heard::Status(status) => shown.show(hub, &status),
-                Heard::Input(_) | Heard::Thing(_) => {}
+                SourceMessage::Status(status) => shown.show(hub, &status),
+                SourceMessage::Input(_) | SourceMessage::Thing(_) => {}
             });
             if let Some(news) = news {
                 match news {
-                    News::Gone => {
+                    SourceNews::Gone => {
                         let words = "the daemon is gone; waiting for another";
-                        self.hub.say(&protocol::status(Level::Error, words, Some("daemon")));
+                        self.hub.say(&protocol::status(StatusLevel::Error, words, Some("daemon")));
                     }
-                    News::Back | News::Renewed => {
+                    SourceNews::Back | SourceNews::Renewed => {
                         self.hub.say(&protocol::remove_status("daemon"));
                         self.settings.want();
                     }
-                    News::Elsewhere | News::Deaf(_) => {}
+                    SourceNews::Elsewhere | SourceNews::Deaf(_) => {}
                 }
                 tell(news);
             }
@@ -167,10 +156,10 @@ impl Server {
 
     /// Hears which settings are in force, and shows what they place around the pen; `now` is since 1970
     /// \[ns\].
-    fn look_around(&mut self, now: u64, tell: &mut impl FnMut(News)) {
+    fn look_around(&mut self, now: u64, tell: &mut impl FnMut(SourceNews)) {
         let text = match self.settings.look() {
             Ok(text) => text,
-            Err(error) => return tell(News::Deaf(error)),
+            Err(error) => return tell(SourceNews::Deaf(error)),
         };
         let Some(text) =
             text.filter(|text| !self.around.scene.as_ref().is_some_and(|scene| scene.is_of(text)))
@@ -180,25 +169,29 @@ impl Server {
         match Scene::of(&text) {
             Ok(scene) => {
                 let bytes = scene.update(now).into();
-                self.hub.keep(Data { channel: place(Topic::Scene), time_ns: now, bytes });
+                self.hub.keep(TopicMessage {
+                    channel: channel_of(RecordingTopic::Scene),
+                    time_ns: now,
+                    bytes,
+                });
                 self.around.scene = Some(scene);
             }
             Err(why) => {
                 let words = format!("the arm is not shown: the settings cannot be read here: {why}");
-                self.hub.say(&protocol::status(Level::Warning, &words, Some("scene")));
+                self.hub.say(&protocol::status(StatusLevel::Warning, &words, Some("scene")));
                 let bytes = warning(&words, now).into();
-                self.hub.publish(&Data { channel: place(Topic::Log), time_ns: now, bytes });
+                self.hub.publish(&TopicMessage {
+                    channel: channel_of(RecordingTopic::Log),
+                    time_ns: now,
+                    bytes,
+                });
             }
         }
     }
 
     /// Gives the connection a thread, or turns it away.
-    fn welcome(&self, stream: TcpStream) {
-        let timeouts = stream
-            .set_nonblocking(false)
-            .and_then(|()| stream.set_read_timeout(Some(WAIT)))
-            .and_then(|()| stream.set_write_timeout(Some(WAIT)));
-        if timeouts.is_err() {
+    fn welcome(&self, mut stream: TcpStream) {
+        if bound_waits(&stream, WAIT, WAIT).is_err() {
             return;
         }
         let slot = match self.peers.enter(&stream) {
@@ -206,7 +199,7 @@ impl Server {
             Err(full) => {
                 self.hub.refuse(full.label());
                 let message = format!("{}: end a viewer, or try again", full.label());
-                return refuse(stream, "503 Service Unavailable", &message);
+                return http::refuse(&mut stream, "503 Service Unavailable", &message, WAIT);
             }
         };
         let (hub, door, orders) = (self.hub.clone(), self.door.clone(), self.orders.clone());
@@ -226,46 +219,36 @@ impl Server {
 }
 
 /// Reads the request and makes the connection a viewer's, or answers why not.
-fn admit(hub: &Hub, door: &Door, stream: TcpStream, slot: &Slot) -> Option<(Metered<TcpStream>, Admitted)> {
+fn admit(
+    hub: &Hub,
+    door: &ViewerDoor,
+    stream: TcpStream,
+    slot: &Slot,
+) -> Option<(Metered<TcpStream>, Admitted)> {
     let mut stream = Metered::new(stream, BYTES);
-    let head = match Head::read(&mut stream) {
-        Ok(head) => head,
-        Err(error) => {
-            hub.refuse(error.label());
-            refuse(stream, "400 Bad Request", error.label());
-            return None;
-        }
+    let refused = match Head::asked(&mut stream, slot) {
+        Err((status, reason)) => (status, reason, reason.to_owned()),
+        Ok(head) => match (head.socket_key(), door.judge(&head)) {
+            (Some(key), Ok(admitted)) => {
+                http::upgrade(&mut stream, key, Some(admitted.protocol)).ok()?;
+                return Some((stream, admitted));
+            }
+            (Some(_), Err(refusal)) => ("400 Bad Request", refusal.reason, refusal.message),
+            (None, _) => (
+                "426 Upgrade Required",
+                "no WebSocket request",
+                "this is a WebSocket server for Foxglove and Lichtblick: open its address there".to_owned(),
+            ),
+        },
     };
-    if let Err(reason) = slot.asked() {
-        hub.refuse(reason);
-        refuse(stream, "503 Service Unavailable", reason);
-        return None;
-    }
-    let Some(key) = head.socket_key() else {
-        hub.refuse("no WebSocket request");
-        let message = "this is a WebSocket server for Foxglove and Lichtblick: open its address there";
-        refuse(stream, "426 Upgrade Required", message);
-        return None;
-    };
-    match door.judge(&head) {
-        Ok(admitted) => {
-            http::upgrade(&mut stream, key, Some(admitted.protocol)).ok()?;
-            Some((stream, admitted))
-        }
-        Err(refusal) => {
-            hub.refuse(refusal.reason);
-            refuse(stream, "400 Bad Request", &refusal.message);
-            None
-        }
-    }
+    let (status, reason, message) = refused;
+    hub.refuse(reason);
+    // A short answer fits into the socket's own buffer.
+    http::refuse(&mut stream, status, &message, WAIT);
+    None
 }
 
-/// A short answer, which fits into the socket's own buffer; the other side need not read it.
-fn refuse(mut stream: impl std::io::Write, status: &str, message: &str) {
-    let _ = http::answer(&mut stream, status, http::TEXT, format!("{message}\n").as_bytes(), WAIT);
-}
-
-fn place(topic: Topic) -> usize {
+fn channel_of(topic: RecordingTopic) -> usize {
     CHANNELS.iter().position(|known| *known == topic).unwrap_or(CHANNELS.len())
 }
 
@@ -280,35 +263,38 @@ fn publish(
 ) {
     let time_ns = record.header.stamp_ns.wrapping_add(clock);
     let [ticks, transforms, lines, _, path] = wanted;
-    let send = |topic: Topic, bytes: Vec<u8>| {
-        hub.publish(&Data { channel: place(topic), time_ns, bytes: bytes.into() });
+    let send = |topic: RecordingTopic, bytes: Vec<u8>| {
+        hub.publish(&TopicMessage { channel: channel_of(topic), time_ns, bytes: bytes.into() });
     };
     if ticks {
-        send(Topic::Tick, tick(record));
+        send(RecordingTopic::Tick, tick(record));
     }
     if transforms {
         let scene = around.scene.as_mut();
         let links = scene.map_or_else(Vec::new, |scene| scene.frames(record, time_ns));
-        frames(record, time_ns).into_iter().chain(links).for_each(|frame| send(Topic::Frames, frame));
+        frames(record, time_ns)
+            .into_iter()
+            .chain(links)
+            .for_each(|frame| send(RecordingTopic::Frames, frame));
     }
     if path && let Some(line) = around.preview.update(record, time_ns) {
-        send(Topic::Preview, line);
+        send(RecordingTopic::Preview, line);
     }
     if lines && let Some(before) = before {
-        log(before, record, time_ns).into_iter().for_each(|line| send(Topic::Log, line));
+        log(before, record, time_ns).into_iter().for_each(|line| send(RecordingTopic::Log, line));
     }
 }
 
 /// What viewers were shown of the status.
 #[derive(Debug, Default)]
-struct Shown {
-    parameters: Parameters,
+struct ShownStatus {
+    parameters: ViewerParameters,
     stopped: bool,
 }
 
-impl Shown {
+impl ShownStatus {
     fn show(&mut self, hub: &Hub, status: &Status) {
-        self.parameters = Parameters::of(status);
+        self.parameters = ViewerParameters::of(status);
         hub.show(self.parameters.clone());
         let stopped = [Mode::Stopped, Mode::Fault].map(u32::from).contains(&status.mode);
         if std::mem::replace(&mut self.stopped, stopped) == stopped {
@@ -317,7 +303,7 @@ impl Shown {
         if stopped {
             let why = FaultReason::try_from(status.fault).unwrap_or(FaultReason::Internal);
             let words = format!("the arm was stopped: {why}");
-            hub.say(&protocol::status(Level::Warning, &words, Some("stopped")));
+            hub.say(&protocol::status(StatusLevel::Warning, &words, Some("stopped")));
         } else {
             hub.say(&protocol::remove_status("stopped"));
         }
@@ -337,7 +323,7 @@ mod tests {
     fn viewer(hub: &Arc<Hub>) -> (WebSocket<TcpStream>, std::thread::JoinHandle<()>) {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let at = listener.local_addr().unwrap();
-        let door = Arc::new(Door::new(at, Vec::new(), Token::random().unwrap()));
+        let door = Arc::new(ViewerDoor::new(at, Vec::new(), Token::random().unwrap()));
         let hub = hub.clone();
         let serving = std::thread::spawn(move || {
             let folder = tempfile::TempDir::new_in("/tmp").unwrap();
@@ -372,8 +358,8 @@ mod tests {
         let (mut reads, second) = viewer(&hub);
         wait("it subscribes", || hub.wants(0));
         let (never, first) = viewer(&hub);
-        let (told, messages) = (Arc::new(std::sync::atomic::AtomicU64::new(0)), 1500);
-        let counted = told.clone();
+        let (reported, messages) = (Arc::new(std::sync::atomic::AtomicU64::new(0)), 1500);
+        let counted = reported.clone();
         let reading = std::thread::spawn(move || {
             while let Ok(message) = reads.read() {
                 if matches!(&message, Message::Binary(bytes) if bytes.first() == Some(&1)) {
@@ -383,13 +369,13 @@ mod tests {
         });
         // Far more than the buffers of the system hold.
         for time_ns in 1..=messages {
-            hub.publish(&Data { channel: 0, time_ns, bytes: vec![7; 40_000].into() });
+            hub.publish(&TopicMessage { channel: 0, time_ns, bytes: vec![7; 40_000].into() });
             let before = time_ns.saturating_sub(100);
-            wait("the one that reads goes on", || told.load(Ordering::Relaxed) >= before);
+            wait("the one that reads goes on", || reported.load(Ordering::Relaxed) >= before);
         }
         wait("the other one is let go", || hub.tally().refused.contains_key("reads too slowly"));
         first.join().unwrap();
-        wait("all of it comes", || told.load(Ordering::Relaxed) == messages);
+        wait("all of it comes", || reported.load(Ordering::Relaxed) == messages);
         assert!(hub.tally().dropped > 100, "{:?}", hub.tally());
         drop(never);
         hub.finish();
@@ -422,17 +408,17 @@ mod tests {
             .unwrap();
         socket.send(Message::binary(vec![1, 2, 3])).unwrap();
         socket.send(Message::binary(vec![2, 9, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0])).unwrap();
-        let mut told = Vec::new();
-        while told.len() < 4 {
+        let mut reported = Vec::new();
+        while reported.len() < 4 {
             if let Message::Text(text) = socket.read().unwrap()
                 && (text.contains("\"status\"") || text.contains("serviceCallFailure"))
             {
-                told.push(text.to_string());
+                reported.push(text.to_string());
             }
         }
         let refused = hub.tally().refused;
         for reason in ["message not understood", "unknown channel", "not offered here", "unknown service"] {
-            assert_eq!(refused.get(reason), Some(&1), "{refused:?} {told:?}");
+            assert_eq!(refused.get(reason), Some(&1), "{refused:?} {reported:?}");
         }
         for _ in 0..2000 {
             if socket.send(Message::text("{}")).is_err() {

@@ -11,26 +11,25 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant};
 
 use foretrace_serve::metered::Metered;
-use foretrace_serve::websocket::{Bytes, Incoming, Limits, Message as Packet, Socket};
+use foretrace_serve::websocket::{Bytes, Incoming, Message as Packet, Socket, SocketLimits};
 
-use super::guard::{Admitted, Door};
-use super::hub::{Data, Hub, Parameters, Queue};
-use super::orders::{Answer, Orders, What};
-use super::protocol::{self, CHANNELS, Level, Said, Service, Setting};
+use super::guard::{Admitted, ViewerDoor};
+use super::hub::{Hub, ViewerParameters, ViewerQueue};
+use super::orders::{OrderAnswer, OrderKind, Orders};
+use super::protocol::{self, CHANNELS, StatusLevel, ViewerMessage, ViewerService, ViewerSetting};
 
 /// Longest wait for a message, and so between two looks at the queue.
 const WAIT: Duration = Duration::from_millis(2);
 /// Longest time for which one write may hold the viewer's thread up.
 const WRITE: Duration = Duration::from_millis(20);
 /// A viewer that has nothing to say answers the pings.
-const LIMITS: Limits = Limits {
+const LIMITS: SocketLimits = SocketLimits {
     message_bytes: protocol::MESSAGE_BYTES,
     messages_per_s: 500,
     write_buffer: 32 << 10,
     stuck: Duration::from_secs(5),
     silent: Duration::from_secs(20),
 };
-/// Between two pings.
 const PING: Duration = Duration::from_secs(5);
 /// Between two messages of the time.
 const TIME: Duration = Duration::from_millis(100);
@@ -38,9 +37,9 @@ const TIME: Duration = Duration::from_millis(100);
 const SUBSCRIPTIONS: usize = 64;
 
 /// An answer on its way back.
-enum Reply {
-    Call { service: u32, call: u32, answer: Answer },
-    Set { names: Vec<String>, id: Option<String>, answer: Answer },
+enum OrderReply {
+    Call { service: u32, call: u32, answer: OrderAnswer },
+    Set { names: Vec<String>, id: Option<String>, answer: OrderAnswer },
 }
 
 /// Values that were asked for before they are known.
@@ -54,18 +53,18 @@ struct Due {
 pub(crate) struct Viewer<'a> {
     socket: Socket<Metered<TcpStream>>,
     hub: &'a Arc<Hub>,
-    queue: &'a Arc<Queue>,
-    door: &'a Door,
+    queue: &'a Arc<ViewerQueue>,
+    door: &'a ViewerDoor,
     orders: &'a Orders,
     controls: bool,
     /// Channel of each subscription, by its number.
     subscriptions: BTreeMap<u32, usize>,
     /// Names of parameters of which changes are told; `None`: of none.
     followed: Option<Vec<String>>,
-    told: Arc<Parameters>,
+    told: Arc<ViewerParameters>,
     due: Vec<Due>,
-    replies: Sender<Reply>,
-    answers: Receiver<Reply>,
+    replies: Sender<OrderReply>,
+    answers: Receiver<OrderReply>,
     pinged: Instant,
     timed: Instant,
 }
@@ -75,8 +74,8 @@ impl<'a> Viewer<'a> {
     pub(crate) fn new(
         stream: Metered<TcpStream>,
         admitted: Admitted,
-        (hub, queue): (&'a Arc<Hub>, &'a Arc<Queue>),
-        door: &'a Door,
+        (hub, queue): (&'a Arc<Hub>, &'a Arc<ViewerQueue>),
+        door: &'a ViewerDoor,
         orders: &'a Orders,
     ) -> Self {
         let (replies, answers) = channel();
@@ -113,7 +112,7 @@ impl<'a> Viewer<'a> {
         if let Some(reason) = self.talk() {
             self.hub.refuse(reason);
             // It may not read any more.
-            self.say(&protocol::status(Level::Error, reason, None));
+            self.say(&protocol::status(StatusLevel::Error, reason, None));
         }
         drop(self.socket.close());
     }
@@ -196,28 +195,26 @@ impl<'a> Viewer<'a> {
         self.socket.send(packet);
     }
 
-    fn tell(&mut self, level: Level, words: &str) {
+    fn tell(&mut self, level: StatusLevel, words: &str) {
         self.say(&protocol::status(level, words, None));
     }
 
-    fn hear(&mut self, said: Result<Said, &'static str>) {
+    fn hear(&mut self, said: Result<ViewerMessage, &'static str>) {
         match said {
             Ok(said) => self.carry_out(said),
             Err(reason) => {
                 self.hub.refuse(reason);
-                self.tell(Level::Warning, reason);
+                self.tell(StatusLevel::Warning, reason);
             }
         }
     }
 
-    fn carry_out(&mut self, said: Said) {
+    fn carry_out(&mut self, said: ViewerMessage) {
         match said {
-            Said::Subscribe(wanted) => {
-                for (id, channel) in wanted {
-                    self.subscribe(id, channel);
-                }
+            ViewerMessage::Subscribe(wanted) => {
+                wanted.into_iter().for_each(|(id, channel)| self.subscribe(id, channel))
             }
-            Said::Unsubscribe(ids) => {
+            ViewerMessage::Unsubscribe(ids) => {
                 for id in ids {
                     if self.subscriptions.remove(&id).is_none() {
                         self.refuse("unknown subscription");
@@ -225,12 +222,11 @@ impl<'a> Viewer<'a> {
                 }
                 self.want();
             }
-            Said::GetParameters(names, id) => {
+            ViewerMessage::GetParameters(names, id) => {
                 // Before the first status there is nothing to tell.
-                self.due.push(Due { names, id, after: 0 });
-                self.bound_due();
+                self.answer_with(Due { names, id, after: 0 });
             }
-            Said::SubscribeParameters(names) => {
+            ViewerMessage::SubscribeParameters(names) => {
                 // An empty list stands for all.
                 let all = names.is_empty() || self.followed.as_ref().is_some_and(Vec::is_empty);
                 let mut followed = self.followed.take().unwrap_or_default();
@@ -239,7 +235,7 @@ impl<'a> Viewer<'a> {
                 self.followed = Some(followed);
                 self.told = Arc::default();
             }
-            Said::UnsubscribeParameters(names) => {
+            ViewerMessage::UnsubscribeParameters(names) => {
                 if names.is_empty() {
                     self.followed = None;
                 } else if let Some(followed) = &mut self.followed {
@@ -247,8 +243,8 @@ impl<'a> Viewer<'a> {
                     self.followed = self.followed.take().filter(|left| !left.is_empty());
                 }
             }
-            Said::SetParameters(settings, id) => self.set(settings, id),
-            Said::Call { service, call, token } => self.call(service, call, token.as_deref()),
+            ViewerMessage::SetParameters(settings, id) => self.set(settings, id),
+            ViewerMessage::Call { service, call, token } => self.call(service, call, token.as_deref()),
         }
     }
 
@@ -256,7 +252,8 @@ impl<'a> Viewer<'a> {
         self.hear(Err(reason));
     }
 
-    fn bound_due(&mut self) {
+    fn answer_with(&mut self, due: Due) {
+        self.due.push(due);
         if self.due.len() > SUBSCRIPTIONS {
             self.due.remove(0);
             self.refuse("too many questions at once");
@@ -264,25 +261,21 @@ impl<'a> Viewer<'a> {
     }
 
     fn subscribe(&mut self, id: u32, channel: u64) {
-        let place = usize::try_from(channel).ok().and_then(|channel| channel.checked_sub(1));
-        match place.filter(|place| *place < CHANNELS.len()) {
+        let index = usize::try_from(channel).ok().and_then(|channel| channel.checked_sub(1));
+        match index.filter(|index| *index < CHANNELS.len()) {
             None => self.refuse("unknown channel"),
             Some(_) if self.subscriptions.contains_key(&id) => self.refuse("subscription in use"),
             Some(_) if self.subscriptions.len() >= SUBSCRIPTIONS => self.refuse("too many subscriptions"),
-            Some(place) => {
-                self.subscriptions.insert(id, place);
+            Some(index) => {
+                self.subscriptions.insert(id, index);
                 self.want();
-                if let Some(data) = self.hub.kept(place) {
-                    self.send(id, &data);
+                if let Some(data) = self.hub.kept(index) {
+                    self.hub.count(|tally| tally.sent += 1);
+                    let packet = protocol::message_data(id, data.time_ns, &data.bytes);
+                    self.write(Packet::Binary(packet.into()));
                 }
             }
         }
-    }
-
-    fn send(&mut self, id: u32, data: &Data) {
-        self.hub.count(|tally| tally.sent += 1);
-        let packet = protocol::message_data(id, data.time_ns, &data.bytes);
-        self.write(Packet::Binary(packet.into()));
     }
 
     /// Tells the publisher what is subscribed to.
@@ -291,38 +284,36 @@ impl<'a> Viewer<'a> {
         self.queue.wanted.store(wanted, Ordering::Relaxed);
     }
 
-    fn set(&mut self, settings: Vec<(String, Setting)>, id: Option<String>) {
+    fn set(&mut self, settings: Vec<(String, ViewerSetting)>, id: Option<String>) {
         if !self.controls {
             self.hub.refuse("without the token");
             self.tell(
-                Level::Error,
+                StatusLevel::Error,
                 "to set parameters, open this server's address with ?token= and the token it printed",
             );
             let names = settings.into_iter().map(|(name, _)| name).collect();
-            self.due.push(Due { names, id, after: 0 });
-            self.bound_due();
-            return;
+            return self.answer_with(Due { names, id, after: 0 });
         }
         for (name, setting) in settings {
             let (replies, id) = (self.replies.clone(), id.clone());
-            let back = move |answer| drop(replies.send(Reply::Set { names: vec![name], id, answer }));
-            self.orders.pass(What::Set(setting), Box::new(back));
+            let back = move |answer| drop(replies.send(OrderReply::Set { names: vec![name], id, answer }));
+            self.orders.pass(OrderKind::Set(setting), Box::new(back));
         }
     }
 
     fn call(&mut self, service: u32, call: u32, token: Option<&str>) {
         let replies = self.replies.clone();
-        let back = move |answer| drop(replies.send(Reply::Call { service, call, answer }));
-        match Service::ALL.into_iter().find(|known| known.id() == service) {
+        let back = move |answer| drop(replies.send(OrderReply::Call { service, call, answer }));
+        match ViewerService::ALL.into_iter().find(|known| known.id() == service) {
             // Anybody may stop the arm, in the way that needs no middleware.
-            Some(Service::Stop) => {
+            Some(ViewerService::Stop) => {
                 self.hub.count(|tally| tally.stops += 1);
                 self.orders.stop(Box::new(back));
             }
-            Some(Service::Arm) => {
+            Some(ViewerService::Arm) => {
                 let may = token.map_or(self.controls, |token| self.door.token.is(token));
                 if may {
-                    self.orders.pass(What::Arm, Box::new(back));
+                    self.orders.pass(OrderKind::Arm, Box::new(back));
                 } else {
                     self.hub.refuse("without the token");
                     let words = "to arm, give the token that this server printed: {\"token\": \"...\"}";
@@ -336,21 +327,20 @@ impl<'a> Viewer<'a> {
         }
     }
 
-    fn answer(&mut self, reply: Reply) {
+    fn answer(&mut self, reply: OrderReply) {
         match reply {
-            Reply::Call { service, call, answer: Ok(words) } => {
+            OrderReply::Call { service, call, answer: Ok(words) } => {
                 self.write(Packet::Binary(protocol::call_done(service, call, &words).into()));
             }
-            Reply::Call { service, call, answer: Err(words) } => {
+            OrderReply::Call { service, call, answer: Err(words) } => {
                 self.say(&protocol::call_failed(service, call, &words));
             }
-            Reply::Set { names, id, answer } => {
+            OrderReply::Set { names, id, answer } => {
                 if let Err(words) = answer {
-                    self.tell(Level::Error, &words);
+                    self.tell(StatusLevel::Error, &words);
                 }
                 // The status after this one shows it.
-                self.due.push(Due { names, id, after: self.hub.parameters().0 + 1 });
-                self.bound_due();
+                self.answer_with(Due { names, id, after: self.hub.parameters().0 + 1 });
             }
         }
     }

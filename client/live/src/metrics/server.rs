@@ -12,10 +12,10 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use foretrace_serve::http::{self, Head, NoHead};
-use foretrace_serve::peers::{Full, Limits, Peers, Slot};
+use foretrace_serve::peers::{Full, PeerLimits, Peers, Slot};
 
 /// Peers at a time.
-const LIMITS: Limits = Limits { all: 48, remote: 48, of_one: 16, local: 16 };
+const LIMITS: PeerLimits = PeerLimits { all: 48, remote: 48, of_one: 16, local: 16 };
 /// Longest wait for bytes of a request.
 const WAIT: Duration = Duration::from_millis(200);
 /// How long a peer may take to take the answer, all of it.
@@ -25,9 +25,9 @@ const KIND: &str = "text/plain; version=0.0.4; charset=utf-8";
 
 /// The newest text, shared with the server.
 #[derive(Debug, Clone, Default)]
-pub struct Board(Arc<Mutex<String>>);
+pub struct MetricsBoard(Arc<Mutex<String>>);
 
-impl Board {
+impl MetricsBoard {
     /// Shows `text` from now on.
     pub fn show(&self, text: String) {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = text;
@@ -43,9 +43,9 @@ impl Board {
 /// # Errors
 ///
 /// The system refuses another thread.
-pub fn serve(listener: TcpListener, board: Board) -> io::Result<()> {
+pub fn serve(listener: TcpListener, board: MetricsBoard) -> io::Result<()> {
     std::thread::Builder::new().name("foretrace-http".to_owned()).spawn(move || {
-        let served = Arc::new(Served { board, peers: Peers::new(LIMITS), refused: Refused::default() });
+        let served = Arc::new(Served { board, peers: Peers::new(LIMITS), refused: RefusedPeers::default() });
         for peer in listener.incoming() {
             let Ok(peer) = peer else {
                 // No descriptor is left, for example: some peer ends.
@@ -61,14 +61,14 @@ pub fn serve(listener: TcpListener, board: Board) -> io::Result<()> {
 /// What all peers share.
 #[derive(Debug)]
 struct Served {
-    board: Board,
+    board: MetricsBoard,
     peers: Arc<Peers>,
-    refused: Refused,
+    refused: RefusedPeers,
 }
 
 /// Peers that got no answer.
 #[derive(Debug, Default)]
-struct Refused {
+struct RefusedPeers {
     no_slot: AtomicU64,
     too_slow: AtomicU64,
     too_long: AtomicU64,
@@ -175,7 +175,7 @@ mod tests {
     fn served(text: &str) -> SocketAddr {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let address = listener.local_addr().unwrap();
-        let board = Board::default();
+        let board = MetricsBoard::default();
         board.show(text.to_owned());
         serve(listener, board).unwrap();
         address
@@ -184,9 +184,9 @@ mod tests {
     fn ask(address: SocketAddr, bytes: &[u8]) -> String {
         let mut peer = TcpStream::connect(address).unwrap();
         peer.write_all(bytes).unwrap();
-        let mut told = String::new();
-        peer.read_to_string(&mut told).unwrap();
-        told
+        let mut reported = String::new();
+        peer.read_to_string(&mut reported).unwrap();
+        reported
     }
 
     const SCRAPE: &[u8] = b"GET /metrics HTTP/1.1\r\nHost: x\r\n\r\n";
@@ -196,10 +196,13 @@ mod tests {
         let address = served("foretrace_up 0\n");
         // Those who never ask hold up nobody, however many they are.
         let _silent: Vec<_> = (0..3 * OF_ONE).map(|_| TcpStream::connect(address).unwrap()).collect();
-        let told = ask(address, SCRAPE);
-        assert!(told.starts_with("HTTP/1.1 200 OK") && told.contains("\nforetrace_up 0\n"), "{told}");
+        let reported = ask(address, SCRAPE);
+        assert!(
+            reported.starts_with("HTTP/1.1 200 OK") && reported.contains("\nforetrace_up 0\n"),
+            "{reported}"
+        );
         let gave_way = format!("refused_total{{reason=\"gave way\"}} {}\n", 2 * OF_ONE + 1);
-        assert!(told.contains(&gave_way), "{told}");
+        assert!(reported.contains(&gave_way), "{reported}");
         assert!(ask(address, b"GET / HTTP/1.1\r\n\r\n").starts_with("HTTP/1.1 404"));
         assert!(ask(address, b"POST /metrics HTTP/1.1\r\n\r\n").starts_with("HTTP/1.1 405"));
         assert!(ask(address, b"\xff\xff\xff\r\n\r\n").starts_with("HTTP/1.1 400"));
@@ -212,8 +215,8 @@ mod tests {
         while endless.write_all(&[b'a'; 1024]).is_ok() {
             assert!(begin.elapsed() < Duration::from_secs(60));
         }
-        let told = ask(address, SCRAPE);
-        assert!(told.contains("refused_total{reason=\"too long\"} 1\n"), "{told}");
+        let reported = ask(address, SCRAPE);
+        assert!(reported.contains("refused_total{reason=\"too long\"} 1\n"), "{reported}");
     }
 
     #[test]
@@ -241,8 +244,8 @@ mod tests {
             })
             .collect();
         for scrape in 0..45 {
-            let told = ask(address, SCRAPE);
-            assert!(told.starts_with("HTTP/1.1 200 OK"), "scrape {scrape}: {told}");
+            let reported = ask(address, SCRAPE);
+            assert!(reported.starts_with("HTTP/1.1 200 OK"), "scrape {scrape}: {reported}");
             std::thread::sleep(Duration::from_millis(10));
         }
         over.store(true, std::sync::atomic::Ordering::Relaxed);
@@ -279,7 +282,7 @@ mod tests {
             assert!(begin.elapsed() < Duration::from_secs(60));
         }
         assert!(taken < 64 << 20, "{taken}");
-        let told = ask(address, b"GET / HTTP/1.1\r\n\r\n");
-        assert!(told.starts_with("HTTP/1.1 404"), "{told}");
+        let reported = ask(address, b"GET / HTTP/1.1\r\n\r\n");
+        assert!(reported.starts_with("HTTP/1.1 404"), "{reported}");
     }
 }

@@ -9,28 +9,30 @@ use std::time::{Duration, Instant};
 use foretrace_client::monotonic_now_ns;
 use foretrace_shm::{PieceKind, Thing, TickInput, TickRecord, Wire};
 
-use super::{Counts, Job, Offered, Options, Shared, WEIGHTS_PATIENCE, unix_minus_monotonic};
+use super::{
+    OfferedWeights, RecorderOptions, RecordingCounts, WEIGHTS_PATIENCE, WriteJob, WriterShared,
+    unix_minus_monotonic,
+};
 use foretrace_record::RecordError;
-use foretrace_record::proto::{Value, encode};
+use foretrace_record::proto::{ProtoValue, encode};
 use foretrace_record::repair::numbered;
 use foretrace_record::scene::Scene;
-use foretrace_record::topics::{RECORDER, Topic, frames, log, thing_bytes, tick, warning};
-use foretrace_record::write::{Facts, Output, part_of};
+use foretrace_record::topics::{RECORDER, RecordingTopic, frames, log, thing_bytes, tick, warning};
+use foretrace_record::write::{FileFacts, Output, part_of};
 
 /// Work that a killed recorder loses at most, beside what waits in the queue.
 const FLUSH: Duration = Duration::from_millis(250);
 
-/// The writing thread.
 pub(super) struct FileWriter {
     output: Output,
-    options: Options,
-    shared: Arc<Shared>,
+    options: RecorderOptions,
+    shared: Arc<WriterShared>,
     finished: Vec<PathBuf>,
     number: usize,
-    last: Counts,
+    last: RecordingCounts,
     flushed: Instant,
     /// Weights that the ticks of the file need.
-    offered: Offered,
+    offered: OfferedWeights,
     /// Since when the file is large enough.
     full_since: Option<Instant>,
     /// From the monotonic clock to the time since 1970 \[ns\].
@@ -38,22 +40,22 @@ pub(super) struct FileWriter {
 }
 
 impl FileWriter {
-    pub(super) fn new(output: Output, options: Options, shared: Arc<Shared>) -> Self {
+    pub(super) fn new(output: Output, options: RecorderOptions, shared: Arc<WriterShared>) -> Self {
         Self {
             output,
             options,
             shared,
             finished: Vec::new(),
             number: 1,
-            last: Counts::default(),
+            last: RecordingCounts::default(),
             flushed: Instant::now(),
-            offered: Offered::default(),
+            offered: OfferedWeights::default(),
             full_since: None,
             clock: unix_minus_monotonic(),
         }
     }
 
-    pub(super) fn run(mut self, due: &Receiver<Job>) -> Result<Vec<PathBuf>, RecordError> {
+    pub(super) fn run(mut self, due: &Receiver<WriteJob>) -> Result<Vec<PathBuf>, RecordError> {
         loop {
             match due.recv_timeout(Duration::from_millis(50)) {
                 Ok(job) => self.write(job)?,
@@ -79,35 +81,35 @@ impl FileWriter {
         Ok(finished)
     }
 
-    fn write(&mut self, job: Job) -> Result<(), RecordError> {
+    fn write(&mut self, job: WriteJob) -> Result<(), RecordError> {
         match &job {
-            Job::Input(input) => self.offered.input(input),
-            Job::Thing(thing) => self.offered.thing(thing),
-            Job::Tick(_) | Job::Status(_) | Job::Counts(_) => {}
+            WriteJob::Input(input) => self.offered.input(input),
+            WriteJob::Thing(thing) => self.offered.thing(thing),
+            WriteJob::Tick(_) | WriteJob::Status(_) | WriteJob::Counts(_) => {}
         }
         let output = &mut self.output;
         let at = |stamp_ns: u64| stamp_ns.wrapping_add(self.clock);
         let mut bytes = Vec::new();
         match job {
-            Job::Input(input) => put_input(output, at(input.header.stamp_ns), &input)?,
-            Job::Tick(record) => put_tick(output, at(record.header.stamp_ns), &record)?,
-            Job::Status(status) => {
+            WriteJob::Input(input) => put_input(output, at(input.header.stamp_ns), &input)?,
+            WriteJob::Tick(record) => put_tick(output, at(record.header.stamp_ns), &record)?,
+            WriteJob::Status(status) => {
                 status.put(&mut bytes);
-                output.put(Topic::StatusRaw, at(status.header.stamp_ns), &bytes)?;
+                output.put(RecordingTopic::StatusRaw, at(status.header.stamp_ns), &bytes)?;
             }
-            Job::Thing(thing) => put_thing(output, at(monotonic_now_ns()), &thing)?,
-            Job::Counts(counts) => {
+            WriteJob::Thing(thing) => put_thing(output, at(monotonic_now_ns()), &thing)?,
+            WriteJob::Counts(counts) => {
                 self.last = counts;
                 let values = [
-                    Value::U64(output.written()),
-                    Value::U64(counts.queue_lost),
-                    Value::U64(counts.inputs_lost),
-                    Value::U64(counts.ticks_lost),
-                    Value::U64(counts.things_broken),
-                    Value::U64(counts.refused),
+                    ProtoValue::U64(output.written()),
+                    ProtoValue::U64(counts.queue_lost),
+                    ProtoValue::U64(counts.inputs_lost),
+                    ProtoValue::U64(counts.ticks_lost),
+                    ProtoValue::U64(counts.things_broken),
+                    ProtoValue::U64(counts.refused),
                 ];
                 let counts = encode(&RECORDER, &values).unwrap_or_default();
-                output.put(Topic::Recorder, at(monotonic_now_ns()), &counts)?;
+                output.put(RecordingTopic::Recorder, at(monotonic_now_ns()), &counts)?;
             }
         }
         self.shared.written.fetch_add(1, Ordering::Relaxed);
@@ -142,12 +144,12 @@ impl FileWriter {
 pub(crate) fn put_input(output: &mut Output, time_ns: u64, input: &TickInput) -> Result<(), RecordError> {
     let mut bytes = Vec::new();
     input.put(&mut bytes);
-    output.put(Topic::Input, time_ns, &bytes)
+    output.put(RecordingTopic::Input, time_ns, &bytes)
 }
 
 /// Writes a thing at `time_ns` since 1970; settings as a scene too.
 pub(crate) fn put_thing(output: &mut Output, time_ns: u64, thing: &Thing) -> Result<(), RecordError> {
-    output.put(Topic::Thing, time_ns, &thing_bytes(thing))?;
+    output.put(RecordingTopic::Thing, time_ns, &thing_bytes(thing))?;
     let shown = output.scene.as_ref().is_some_and(|scene| scene.is_of(&thing.bytes));
     if thing.kind != PieceKind::Settings || shown {
         return Ok(());
@@ -156,11 +158,11 @@ pub(crate) fn put_thing(output: &mut Output, time_ns: u64, thing: &Thing) -> Res
         Ok(scene) => {
             let update = scene.update(time_ns);
             output.scene = Some(scene);
-            output.put(Topic::Scene, time_ns, &update)
+            output.put(RecordingTopic::Scene, time_ns, &update)
         }
         Err(why) => {
             let words = format!("the arm is not shown: the settings cannot be read here: {why}");
-            output.put(Topic::Log, time_ns, &warning(&words, time_ns))
+            output.put(RecordingTopic::Log, time_ns, &warning(&words, time_ns))
         }
     }
 }
@@ -169,21 +171,23 @@ pub(crate) fn put_thing(output: &mut Output, time_ns: u64, thing: &Thing) -> Res
 pub(crate) fn put_tick(output: &mut Output, time_ns: u64, record: &TickRecord) -> Result<(), RecordError> {
     let mut bytes = Vec::new();
     record.put(&mut bytes);
-    output.put(Topic::TickRaw, time_ns, &bytes)?;
-    output.put(Topic::Tick, time_ns, &tick(record))?;
-    frames(record, time_ns).iter().try_for_each(|frame| output.put(Topic::Frames, time_ns, frame))?;
+    output.put(RecordingTopic::TickRaw, time_ns, &bytes)?;
+    output.put(RecordingTopic::Tick, time_ns, &tick(record))?;
+    frames(record, time_ns)
+        .iter()
+        .try_for_each(|frame| output.put(RecordingTopic::Frames, time_ns, frame))?;
     let around = output.scene.as_mut().map_or_else(Vec::new, |scene| scene.frames(record, time_ns));
-    around.iter().try_for_each(|frame| output.put(Topic::Frames, time_ns, frame))?;
+    around.iter().try_for_each(|frame| output.put(RecordingTopic::Frames, time_ns, frame))?;
     if let Some(line) = output.preview.update(record, time_ns) {
-        output.put(Topic::Preview, time_ns, &line)?;
+        output.put(RecordingTopic::Preview, time_ns, &line)?;
     }
     let before = output.follow(record);
     let lines = before.map_or_else(Vec::new, |before| log(&before, record, time_ns));
-    lines.iter().try_for_each(|line| output.put(Topic::Log, time_ns, line))
+    lines.iter().try_for_each(|line| output.put(RecordingTopic::Log, time_ns, line))
 }
 
 /// Counts as facts at the end of a file.
-fn told(counts: &Counts) -> Facts {
+fn told(counts: &RecordingCounts) -> FileFacts {
     let all = [
         ("inputs", counts.inputs),
         ("ticks", counts.ticks),
@@ -204,13 +208,13 @@ mod tests {
     use foretrace_shm::input_flags;
     use std::sync::mpsc::sync_channel;
 
-    use foretrace_record::read::{Content, Entry, Reader};
+    use foretrace_record::read::{Content, RecordingEntry, RecordingReader};
 
     /// Versions of the weights in a file.
     fn sets(path: &std::path::Path) -> Vec<u64> {
-        let (mut reader, mut sets) = (Reader::open(path).unwrap(), Vec::new());
+        let (mut reader, mut sets) = (RecordingReader::open(path).unwrap(), Vec::new());
         while let Some(entry) = reader.next_entry().unwrap() {
-            if let Entry::Message(message) = entry
+            if let RecordingEntry::Message(message) = entry
                 && let Content::Thing(thing) = reader.content(&message).unwrap()
             {
                 sets.push(thing.number);
@@ -223,9 +227,13 @@ mod tests {
     fn a_file_that_is_large_enough_ends_behind_the_weights_of_its_last_tick() {
         let folder = tempfile::TempDir::new().unwrap();
         let target = folder.path().join("run.mcap");
-        let facts = Facts::default();
-        let options =
-            Options { target: target.clone(), max_bytes: Some(1), max_files: None, facts: facts.clone() };
+        let facts = FileFacts::default();
+        let options = RecorderOptions {
+            target: target.clone(),
+            max_bytes: Some(1),
+            max_files: None,
+            facts: facts.clone(),
+        };
         let output = Output::create(&target, &facts).unwrap();
         let writer = FileWriter::new(output, options, Arc::default());
         let (jobs, due) = sync_channel(16);
@@ -239,13 +247,13 @@ mod tests {
             weights_version: 9,
             ..TickInput::default()
         };
-        jobs.send(Job::Input(Box::new(input))).unwrap();
+        jobs.send(WriteJob::Input(Box::new(input))).unwrap();
         // The chunk is closed, and the file found to be large enough.
         while size() == begin {
             std::thread::sleep(Duration::from_millis(1));
         }
         let thing = Thing { kind: PieceKind::Weights, number: 9, daemon_id: 1, bytes: vec![7] };
-        jobs.send(Job::Thing(thing)).unwrap();
+        jobs.send(WriteJob::Thing(thing)).unwrap();
         let second = numbered(&target, "2");
         while !part_of(&second).exists() {
             std::thread::sleep(Duration::from_millis(1));

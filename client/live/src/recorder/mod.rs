@@ -18,12 +18,12 @@ use foretrace_client::monotonic_now_ns;
 use foretrace_shm::{Piece, PieceKind, Status, Thing, TickInput, TickRecord};
 
 use crate::LiveError;
-use crate::source::{Heard, Lost, News, Source};
+use crate::source::{LiveSource, Lost, SourceMessage, SourceNews};
 use files::FileWriter;
 pub(crate) use files::{put_input, put_thing, put_tick};
 use foretrace_record::RecordError;
-use foretrace_record::write::{Facts, Output};
-pub(crate) use offered::{Offered, PATIENCE as WEIGHTS_PATIENCE};
+use foretrace_record::write::{FileFacts, Output};
+pub(crate) use offered::{OfferedWeights, PATIENCE as WEIGHTS_PATIENCE};
 
 /// Messages that may wait for the disk: four seconds at 500 Hz.
 const QUEUE: usize = 4096;
@@ -32,9 +32,8 @@ const TELL: Duration = Duration::from_secs(1);
 /// A start that has not come whole after this time is asked for again.
 const PATIENCE: Duration = Duration::from_secs(2);
 
-/// Where to record.
 #[derive(Debug, Clone)]
-pub struct Options {
+pub struct RecorderOptions {
     /// The first file; later ones have a number before the extension.
     pub target: PathBuf,
     /// Bytes of messages in a file; `None`: one file.
@@ -42,15 +41,14 @@ pub struct Options {
     /// Files that are kept, the newest ones; `None`: all.
     pub max_files: Option<usize>,
     /// What the files say about themselves.
-    pub facts: Facts,
+    pub facts: FileFacts,
 }
 
 /// What was recorded, and what was lost.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize)]
-pub struct Counts {
+pub struct RecordingCounts {
     /// Ticks of which the input is there.
     pub inputs: u64,
-    /// Tick records.
     pub ticks: u64,
     /// Settings, weights and states.
     pub things: u64,
@@ -68,7 +66,7 @@ pub struct Counts {
     pub refused: u64,
 }
 
-impl Counts {
+impl RecordingCounts {
     /// Inputs and tick records that are not in the file, by whatever way.
     #[must_use]
     pub const fn lost(&self) -> u64 {
@@ -76,51 +74,48 @@ impl Counts {
     }
 }
 
-enum Job {
+enum WriteJob {
     Input(Box<TickInput>),
     Tick(Box<TickRecord>),
     Status(Box<Status>),
     Thing(Thing),
-    Counts(Counts),
+    Counts(RecordingCounts),
 }
 
 /// What listener and writer share.
 #[derive(Debug, Default)]
-struct Shared {
+struct WriterShared {
     /// A new file needs a start of its own.
     renew: AtomicBool,
     written: AtomicU64,
 }
 
-/// Records a daemon.
 #[derive(Debug)]
 pub struct Recorder {
-    jobs: Option<SyncSender<Job>>,
+    jobs: Option<SyncSender<WriteJob>>,
     thread: Option<JoinHandle<Result<Vec<PathBuf>, RecordError>>>,
-    shared: Arc<Shared>,
-    source: Source,
-    counts: Counts,
+    shared: Arc<WriterShared>,
+    source: LiveSource,
+    counts: RecordingCounts,
     told: Instant,
-    start: Start,
-    offered: Offered,
+    start: RecordingStart,
+    offered: OfferedWeights,
 }
 
 /// The settings, weights and state that a file begins with.
 #[derive(Debug)]
-struct Start {
+struct RecordingStart {
     /// When it was asked for.
     since: Instant,
     /// The state has come.
     came: bool,
     /// Times that it was asked for in vain.
     tries: u32,
-    /// It could not even be asked for; told already.
-    deaf: bool,
 }
 
-impl Start {
+impl RecordingStart {
     fn due() -> Self {
-        Self { since: Instant::now(), came: false, tries: 0, deaf: false }
+        Self { since: Instant::now(), came: false, tries: 0 }
     }
 
     /// Whether to ask again. A law whose state cannot be written never sends one: longer and longer between
@@ -136,10 +131,10 @@ impl Recorder {
     /// # Errors
     ///
     /// The file exists or cannot be written.
-    pub fn start(source: Source, options: Options) -> Result<Self, LiveError> {
+    pub fn start(source: LiveSource, options: RecorderOptions) -> Result<Self, LiveError> {
         let output = Output::create(&options.target, &options.facts)?;
         let (jobs, due) = sync_channel(QUEUE);
-        let shared = Arc::new(Shared::default());
+        let shared = Arc::new(WriterShared::default());
         let writer = FileWriter::new(output, options, shared.clone());
         let thread = std::thread::Builder::new()
             .name("foretrace-write".to_owned())
@@ -150,67 +145,56 @@ impl Recorder {
             thread: Some(thread),
             shared,
             source,
-            counts: Counts::default(),
+            counts: RecordingCounts::default(),
             told: Instant::now(),
-            start: Start::due(),
-            offered: Offered::default(),
+            start: RecordingStart::due(),
+            offered: OfferedWeights::default(),
         })
     }
 
     /// Takes what has come; returns what changed. Call this every few milliseconds.
-    pub fn hear(&mut self) -> Option<News> {
+    pub fn hear(&mut self) -> Option<SourceNews> {
         let news = self.take();
         if self.told.elapsed() >= TELL {
             self.told = Instant::now();
             let counts = self.counts();
             if let Some(jobs) = &self.jobs {
                 // The next one, a second later, has all counts too.
-                let _ = jobs.try_send(Job::Counts(counts));
+                let _ = jobs.try_send(WriteJob::Counts(counts));
             }
         }
-        if matches!(news, Some(News::Renewed | News::Elsewhere)) {
-            self.start = Start::due();
+        if matches!(news, Some(SourceNews::Renewed | SourceNews::Elsewhere)) {
+            self.start = RecordingStart::due();
         }
         let renewed = self.shared.renew.swap(false, Ordering::AcqRel);
         if !renewed && !self.start.is_late() {
             return news;
         }
-        self.start = Start {
-            since: Instant::now(),
-            came: false,
-            tries: if renewed { 0 } else { self.start.tries + 1 },
-            deaf: self.start.deaf,
-        };
-        match self.source.start_again() {
-            Ok(()) => self.start.deaf = false,
-            Err(error) if !std::mem::replace(&mut self.start.deaf, true) => {
-                return news.or(Some(News::Deaf(error)));
-            }
-            Err(_) => {}
-        }
-        news
+        let tries = if renewed { 0 } else { self.start.tries + 1 };
+        self.start = RecordingStart { tries, ..RecordingStart::due() };
+        news.or(self.source.start_again().err().flatten())
     }
 
     /// Takes what has come.
-    fn take(&mut self) -> Option<News> {
+    fn take(&mut self) -> Option<SourceNews> {
         let Some(jobs) = &self.jobs else { return None };
         let Self { source, counts, start, offered, .. } = self;
         let (mut lost, mut told) = (0, 0);
-        let mut send = |job: Job, count: &mut u64| pass(jobs, job, count, &mut lost);
+        let mut send = |job: WriteJob, count: &mut u64| pass(jobs, job, count, &mut lost);
         let news = source.hear(|heard| match heard {
-            Heard::Tick(record) => send(Job::Tick(record), &mut counts.ticks),
-            Heard::Input(input) => {
+            SourceMessage::Tick(record) => send(WriteJob::Tick(record), &mut counts.ticks),
+            SourceMessage::Input(input) => {
                 offered.input(&input);
-                send(Job::Input(input), &mut counts.inputs);
+                send(WriteJob::Input(input), &mut counts.inputs);
             }
-            Heard::Status(status) => send(Job::Status(status), &mut told),
-            Heard::Thing(thing) => {
+            SourceMessage::Status(status) => send(WriteJob::Status(status), &mut told),
+            SourceMessage::Thing(thing) => {
                 offered.thing(&thing);
                 if thing.kind == PieceKind::State {
                     counts.states += 1;
                     start.came = true;
                 }
-                send(Job::Thing(thing), &mut counts.things);
+                send(WriteJob::Thing(thing), &mut counts.things);
             }
         });
         counts.queue_lost += lost;
@@ -227,9 +211,9 @@ impl Recorder {
             let mut lost = 0;
             source.hear(|heard| match heard {
                 // A state of now has no ticks behind it.
-                Heard::Thing(thing) if thing.kind != PieceKind::State => {
+                SourceMessage::Thing(thing) if thing.kind != PieceKind::State => {
                     offered.thing(&thing);
-                    pass(jobs, Job::Thing(thing), &mut counts.things, &mut lost);
+                    pass(jobs, WriteJob::Thing(thing), &mut counts.things, &mut lost);
                 }
                 _ => {}
             });
@@ -237,11 +221,10 @@ impl Recorder {
         }
     }
 
-    /// Counts so far.
     #[must_use]
-    pub fn counts(&self) -> Counts {
+    pub fn counts(&self) -> RecordingCounts {
         let lost = self.source.lost();
-        Counts {
+        RecordingCounts {
             inputs_lost: lost.inputs,
             ticks_lost: lost.ticks,
             things_broken: lost.things,
@@ -269,14 +252,14 @@ impl Recorder {
     /// # Errors
     ///
     /// The disk refused; what was written until then is in the part.
-    pub fn finish(mut self) -> Result<(Vec<PathBuf>, Counts), LiveError> {
+    pub fn finish(mut self) -> Result<(Vec<PathBuf>, RecordingCounts), LiveError> {
         self.take();
         // From here on ticks pass by that are not to be in the file.
         let Lost { inputs, ticks, refused, .. } = self.source.lost();
         self.take_weights();
-        let counts = Counts { inputs_lost: inputs, ticks_lost: ticks, refused, ..self.counts() };
+        let counts = RecordingCounts { inputs_lost: inputs, ticks_lost: ticks, refused, ..self.counts() };
         if let Some(jobs) = self.jobs.take() {
-            let _ = jobs.send(Job::Counts(counts));
+            let _ = jobs.send(WriteJob::Counts(counts));
         }
         let thread = self.thread.take().map(JoinHandle::join);
         match thread {
@@ -287,7 +270,7 @@ impl Recorder {
 }
 
 /// Passes `job` on; it counts as `sent`, or as `lost` where there is no room.
-fn pass(jobs: &SyncSender<Job>, job: Job, sent: &mut u64, lost: &mut u64) {
+fn pass(jobs: &SyncSender<WriteJob>, job: WriteJob, sent: &mut u64, lost: &mut u64) {
     match jobs.try_send(job) {
         Ok(()) => *sent += 1,
         Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) => *lost += 1,
@@ -318,11 +301,11 @@ mod tests {
     use crate::source::Wants;
     use crate::source::frame::{frame_of, framed, hello, kind};
     use crate::source::remote::relay_socket;
-    use foretrace_record::read::{Content, Entry, Reader};
+    use foretrace_record::read::{Content, RecordingEntry, RecordingReader};
 
     /// A recorder of a daemon that has sent ticks 1 to 6, of which the last one was offered weights 9; `more`
     /// is sent when the recording ends. Returns ticks and weights in the file, and the counts.
-    fn ended(more: impl FnOnce(&mut UnixStream) + Send + 'static) -> (Vec<u64>, Vec<u64>, Counts) {
+    fn ended(more: impl FnOnce(&mut UnixStream) + Send + 'static) -> (Vec<u64>, Vec<u64>, RecordingCounts) {
         let folder = tempfile::TempDir::new_in("/tmp").unwrap();
         std::fs::set_permissions(folder.path(), std::fs::Permissions::from_mode(0o700)).unwrap();
         let instance = Instance::at(3, folder.path()).unwrap();
@@ -333,16 +316,20 @@ mod tests {
         let relay = std::thread::spawn(move || {
             let (mut stream, _) = listener.accept().unwrap();
             stream.write_all(&framed(kind::HELLO, &hello())).unwrap();
-            (1..=6).for_each(|tick| send(&mut stream, Heard::Input(input(tick))));
+            (1..=6).for_each(|tick| send(&mut stream, SourceMessage::Input(input(tick))));
             ending.recv().unwrap();
             more(&mut stream);
             // The other end goes first.
             let _ = ending.recv();
         });
         let target = folder.path().join("run.mcap");
-        let options =
-            Options { target: target.clone(), max_bytes: None, max_files: None, facts: Facts::default() };
-        let source = Source::open(&instance, Wants::ALL).unwrap();
+        let options = RecorderOptions {
+            target: target.clone(),
+            max_bytes: None,
+            max_files: None,
+            facts: FileFacts::default(),
+        };
+        let source = LiveSource::open(&instance, Wants::ALL).unwrap();
         let mut recorder = Recorder::start(source, options).unwrap();
         while recorder.counts().inputs < 6 {
             recorder.hear();
@@ -354,9 +341,9 @@ mod tests {
         drop(ends);
         relay.join().unwrap();
         let (mut ticks, mut sets) = (Vec::new(), Vec::new());
-        let mut reader = Reader::open(&target).unwrap();
+        let mut reader = RecordingReader::open(&target).unwrap();
         while let Some(entry) = reader.next_entry().unwrap() {
-            let Entry::Message(message) = entry else { continue };
+            let RecordingEntry::Message(message) = entry else { continue };
             match reader.content(&message).unwrap() {
                 Content::Input(input) => ticks.push(input.tick),
                 Content::Thing(thing) => sets.push(thing.number),
@@ -366,7 +353,7 @@ mod tests {
         (ticks, sets, counts)
     }
 
-    fn send(stream: &mut UnixStream, heard: Heard) {
+    fn send(stream: &mut UnixStream, heard: SourceMessage) {
         stream.write_all(&frame_of(&heard).1).unwrap();
     }
 
@@ -386,12 +373,12 @@ mod tests {
 
     #[test]
     fn a_recording_ends_with_its_last_tick_and_the_weights_that_it_was_offered() {
-        let thing = |kind, number| Heard::Thing(Thing { kind, number, daemon_id: 1, bytes: vec![7] });
+        let thing = |kind, number| SourceMessage::Thing(Thing { kind, number, daemon_id: 1, bytes: vec![7] });
         let (ticks, sets, counts) = ended(move |stream| {
             std::thread::sleep(Duration::from_millis(80));
-            send(stream, Heard::Input(input(7)));
+            send(stream, SourceMessage::Input(input(7)));
             // Tick 8 is lost, which is no loss of this recording.
-            send(stream, Heard::Input(input(9)));
+            send(stream, SourceMessage::Input(input(9)));
             send(stream, thing(PieceKind::State, 9));
             send(stream, thing(PieceKind::Weights, 9));
         });

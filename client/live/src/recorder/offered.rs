@@ -14,16 +14,16 @@ pub(crate) const PATIENCE: Duration = Duration::from_millis(200);
 const KEPT: usize = 16;
 
 /// Daemon and version of a set.
-type Set = (u64, u64);
+type WeightsId = (u64, u64);
 
 /// The newest set that a tick was offered, until it is whole.
 #[derive(Debug, Default)]
-pub(crate) struct Offered {
-    missing: Option<Set>,
-    whole: VecDeque<Set>,
+pub(crate) struct OfferedWeights {
+    missing: Option<WeightsId>,
+    whole: VecDeque<WeightsId>,
 }
 
-impl Offered {
+impl OfferedWeights {
     /// A tick, and what it was offered.
     pub(crate) fn input(&mut self, input: &TickInput) {
         let set = (input.daemon_id, input.weights_version);
@@ -64,7 +64,7 @@ mod tests {
             ..TickInput::default()
         };
         let set = |kind, daemon_id, number| Thing { kind, number, daemon_id, bytes: Vec::new() };
-        let mut offered = Offered::default();
+        let mut offered = OfferedWeights::default();
         offered.input(&TickInput { weights_version: 3, ..TickInput::default() });
         assert!(!offered.is_due(), "nothing was offered");
         offered.input(&input(1, 3));

@@ -7,12 +7,12 @@
 use std::os::unix::net::UnixStream;
 use std::sync::Arc;
 
-use foretrace_serve::frames::{self, Frames, Over};
+use foretrace_serve::frames::{self, FrameBuffer, Over};
 use foretrace_shm::{
     LARGEST_THING_BYTES, Status, Thing, TickInput, TickRecord, Validate, Wire, host_boot_id,
 };
 
-use super::{Heard, Wants};
+use super::{SourceMessage, Wants};
 use foretrace_record::topics::{thing_bytes, thing_of};
 
 /// Longest frame of a relay \[bytes\]: a thing with its kind and numbers.
@@ -25,7 +25,6 @@ const KIND: u32 = 4;
 const AT_ONCE: usize = 8 << 20;
 const MAGIC: u64 = u64::from_le_bytes(*b"ftRELAY2");
 
-/// Kinds of frames.
 pub(crate) mod kind {
     /// First frame of a relay: what it is, and which layouts it sends.
     pub(crate) const HELLO: u32 = 1;
@@ -43,7 +42,7 @@ pub(crate) mod kind {
 
 /// Refused messages and broken things, as a relay counts them for a listener.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub(crate) struct Counts {
+pub(crate) struct LossCounts {
     pub(crate) refused: u64,
     pub(crate) broken: u64,
 }
@@ -63,22 +62,22 @@ pub(crate) fn hello() -> Vec<u8> {
 }
 
 /// The frame of a message.
-pub(crate) fn frame_of(heard: &Heard) -> (u32, Arc<[u8]>) {
+pub(crate) fn frame_of(heard: &SourceMessage) -> (u32, Arc<[u8]>) {
     let mut body = Vec::new();
     let kind = match heard {
-        Heard::Input(input) => {
+        SourceMessage::Input(input) => {
             input.put(&mut body);
             kind::INPUT
         }
-        Heard::Tick(record) => {
+        SourceMessage::Tick(record) => {
             record.put(&mut body);
             kind::TICK
         }
-        Heard::Status(status) => {
+        SourceMessage::Status(status) => {
             status.put(&mut body);
             kind::STATUS
         }
-        Heard::Thing(thing) => {
+        SourceMessage::Thing(thing) => {
             body = thing_bytes(thing);
             kind::THING
         }
@@ -86,7 +85,7 @@ pub(crate) fn frame_of(heard: &Heard) -> (u32, Arc<[u8]>) {
     (kind, framed(kind, &body))
 }
 
-pub(crate) fn counts_frame(counts: Counts) -> Arc<[u8]> {
+pub(crate) fn counts_frame(counts: LossCounts) -> Arc<[u8]> {
     framed(kind::COUNTS, &words(&[counts.refused, counts.broken]))
 }
 
@@ -96,27 +95,34 @@ pub(crate) fn wants_frame(wants: Wants) -> Arc<[u8]> {
 
 /// What a relay says.
 #[derive(Debug)]
-pub(crate) enum Said {
-    Heard(Heard),
-    Counts(Counts),
+pub(crate) enum RelayMessage {
+    Heard(SourceMessage),
+    Counts(LossCounts),
     /// A message that is not a legal one.
     Refused,
 }
 
 /// The content of a relay's frame; `None`: no frame of a relay.
-pub(crate) fn said(kind: u32, mut body: &[u8]) -> Option<Said> {
-    fn message<T: Wire + Validate>(mut body: &[u8], heard: impl FnOnce(Box<T>) -> Heard) -> Option<Said> {
+pub(crate) fn said(kind: u32, mut body: &[u8]) -> Option<RelayMessage> {
+    fn message<T: Wire + Validate>(
+        mut body: &[u8],
+        heard: impl FnOnce(Box<T>) -> SourceMessage,
+    ) -> Option<RelayMessage> {
         let message = T::get(&mut body).filter(|_| body.is_empty())?;
-        Some(if message.validate().is_ok() { Said::Heard(heard(Box::new(message))) } else { Said::Refused })
+        Some(if message.validate().is_ok() {
+            RelayMessage::Heard(heard(Box::new(message)))
+        } else {
+            RelayMessage::Refused
+        })
     }
     match kind {
-        kind::INPUT => message(body, Heard::Input),
-        kind::TICK => message(body, Heard::Tick),
-        kind::STATUS => message(body, Heard::Status),
-        kind::THING => thing_of(body).map(|thing: Thing| Said::Heard(Heard::Thing(thing))),
+        kind::INPUT => message(body, SourceMessage::Input),
+        kind::TICK => message(body, SourceMessage::Tick),
+        kind::STATUS => message(body, SourceMessage::Status),
+        kind::THING => thing_of(body).map(|thing: Thing| RelayMessage::Heard(SourceMessage::Thing(thing))),
         kind::COUNTS => {
             let (refused, broken) = (u64::get(&mut body)?, u64::get(&mut body)?);
-            Some(Said::Counts(Counts { refused, broken }))
+            Some(RelayMessage::Counts(LossCounts { refused, broken }))
         }
         _ => None,
     }
@@ -124,38 +130,38 @@ pub(crate) fn said(kind: u32, mut body: &[u8]) -> Option<Said> {
 
 /// What a listener says.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Asked {
+pub(crate) enum ListenerMessage {
     Wants(Wants),
     Again,
 }
 
 /// The content of a listener's frame; `None`: no frame of a listener.
-pub(crate) fn asked(kind: u32, body: &[u8]) -> Option<Asked> {
+pub(crate) fn asked(kind: u32, body: &[u8]) -> Option<ListenerMessage> {
     match (kind, body) {
         (kind::WANTS, [ticks @ (0 | 1), inputs @ (0 | 1)]) => {
-            Some(Asked::Wants(Wants { ticks: *ticks == 1, inputs: *inputs == 1 }))
+            Some(ListenerMessage::Wants(Wants { ticks: *ticks == 1, inputs: *inputs == 1 }))
         }
-        (kind::AGAIN, []) => Some(Asked::Again),
+        (kind::AGAIN, []) => Some(ListenerMessage::Again),
         _ => None,
     }
 }
 
 /// What came and was not taken yet.
 #[derive(Debug)]
-pub(crate) struct Inbox {
-    frames: Frames,
+pub(crate) struct FrameInbox {
+    frames: FrameBuffer,
     at_once: usize,
 }
 
-impl Inbox {
+impl FrameInbox {
     /// Of frames of a relay.
     pub(crate) const fn of_relay() -> Self {
-        Self { frames: Frames::new(KIND..=LONGEST), at_once: AT_ONCE }
+        Self { frames: FrameBuffer::new(KIND..=LONGEST), at_once: AT_ONCE }
     }
 
     /// Of frames of a listener, which are short.
     pub(crate) const fn of_listener() -> Self {
-        Self { frames: Frames::new(KIND..=LONGEST_OF_LISTENER), at_once: 1024 }
+        Self { frames: FrameBuffer::new(KIND..=LONGEST_OF_LISTENER), at_once: 1024 }
     }
 
     /// Takes in what has come, without waiting.
@@ -185,24 +191,24 @@ mod tests {
         input.header.sequence = 3;
         let thing = Thing { kind: PieceKind::Weights, number: 3, daemon_id: 9, bytes: vec![1, 2] };
         for heard in [
-            Heard::Input(Box::new(input)),
-            Heard::Tick(Box::default()),
-            Heard::Status(Box::default()),
-            Heard::Thing(thing),
+            SourceMessage::Input(Box::new(input)),
+            SourceMessage::Tick(Box::default()),
+            SourceMessage::Status(Box::default()),
+            SourceMessage::Thing(thing),
         ] {
             let (kind, frame) = frame_of(&heard);
             match said(kind, &frame[BODY..]) {
-                Some(Said::Heard(came)) => assert_eq!(format!("{came:?}"), format!("{heard:?}")),
+                Some(RelayMessage::Heard(came)) => assert_eq!(format!("{came:?}"), format!("{heard:?}")),
                 other => panic!("{heard:?} came as {other:?}"),
             }
             assert!(said(kind, &frame[BODY..frame.len() - 1]).is_none() || kind == kind::THING);
         }
         let forged = TickInput { mode: 99, ..TickInput::default() };
-        let (kind, frame) = frame_of(&Heard::Input(Box::new(forged)));
-        assert!(matches!(said(kind, &frame[BODY..]), Some(Said::Refused)));
+        let (kind, frame) = frame_of(&SourceMessage::Input(Box::new(forged)));
+        assert!(matches!(said(kind, &frame[BODY..]), Some(RelayMessage::Refused)));
         assert!(said(99, &[]).is_none());
         assert_eq!(asked(kind::WANTS, &[1, 2]), None);
-        assert_eq!(asked(kind::AGAIN, &[]), Some(Asked::Again));
+        assert_eq!(asked(kind::AGAIN, &[]), Some(ListenerMessage::Again));
     }
 
     #[test]
@@ -218,9 +224,9 @@ mod tests {
             state.wrapping_mul(0x2545_f491_4f6c_dd1d)
         };
         let good: Vec<u8> = [
-            frame_of(&Heard::Tick(Box::default())).1,
-            counts_frame(Counts::default()),
-            frame_of(&Heard::Input(Box::default())).1,
+            frame_of(&SourceMessage::Tick(Box::default())).1,
+            counts_frame(LossCounts::default()),
+            frame_of(&SourceMessage::Input(Box::default())).1,
         ]
         .concat();
         let (mut whole, mut ended) = (0, 0);
@@ -234,7 +240,7 @@ mod tests {
             from.set_nonblocking(true).unwrap();
             to.write_all(&bytes).unwrap();
             drop(to);
-            let mut inbox = Inbox::of_relay();
+            let mut inbox = FrameInbox::of_relay();
             let over = inbox.fill(&mut from);
             assert_eq!(over, Err(Over::Ended), "the other end is gone");
             loop {

@@ -8,7 +8,7 @@
 //! and each stays the plain program it is without a relay; over a socket, because a listener that hangs then
 //! costs its own queue only.
 //!
-//! Contract: a source uses a relay if one answers, and a place in shared memory else. It follows the daemon
+//! Contract: a source uses a relay if one answers, and a slot in shared memory else. It follows the daemon
 //! and changes its way when the relay ends, without the caller. It never blocks. What did not reach the
 //! caller is counted: gaps in the sequences of inputs and ticks whatever the way, things that broke, messages
 //! that were refused.
@@ -23,7 +23,7 @@ use foretrace_client::{DaemonMark, Instance, ServiceError, monotonic_now_ns};
 use foretrace_shm::{Header, HeaderBounds, HeaderCheck, Status, Thing, TickInput, TickRecord, host_boot_id};
 
 use crate::LiveError;
-use memory::Memory;
+use memory::MemorySource;
 use remote::Remote;
 
 /// How often a source looks whether daemon and relay are still there.
@@ -32,37 +32,30 @@ const LOOK_EVERY: Duration = Duration::from_millis(250);
 /// What to listen to, beside the status.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Wants {
-    /// Tick records.
     pub ticks: bool,
     /// Inputs of ticks, and settings, weights and states.
     pub inputs: bool,
 }
 
 impl Wants {
-    /// Everything.
     pub const ALL: Self = Self { ticks: true, inputs: true };
-    /// Tick records.
     pub const TICKS: Self = Self { ticks: true, inputs: false };
-    /// Only the status.
     pub const STATUS: Self = Self { ticks: false, inputs: false };
 }
 
-/// A message.
 #[derive(Debug)]
-pub enum Heard {
+pub enum SourceMessage {
     /// What a tick was given.
     Input(Box<TickInput>),
     /// What a tick did.
     Tick(Box<TickRecord>),
-    /// The newest status.
     Status(Box<Status>),
     /// Settings, weights or a state.
     Thing(Thing),
 }
 
-/// What changed.
 #[derive(Debug)]
-pub enum News {
+pub enum SourceNews {
     /// The daemon is gone.
     Gone,
     /// A daemon is back; listening went on.
@@ -84,25 +77,24 @@ pub struct Lost {
     pub ticks: u64,
     /// Things of which a piece was lost, or that found no room in a relay's queue.
     pub things: u64,
-    /// Messages refused.
     pub refused: u64,
 }
 
 #[derive(Debug)]
-enum Way {
-    Memory(Box<Memory>),
+enum SourceRoute {
+    Memory(Box<MemorySource>),
     Relay(Remote),
 }
 
 /// One stream of numbered messages, whatever the way.
 #[derive(Debug)]
-struct Sequence {
+struct NumberedStream {
     check: HeaderCheck,
     before: u64,
     refused: u64,
 }
 
-impl Sequence {
+impl NumberedStream {
     fn new() -> Self {
         Self { check: HeaderCheck::new(host_boot_id(), HeaderBounds::DEFAULT), before: 0, refused: 0 }
     }
@@ -130,30 +122,31 @@ impl Sequence {
     }
 }
 
-/// Hears one instance.
 #[derive(Debug)]
-pub struct Source {
+pub struct LiveSource {
     instance: Instance,
     wants: Wants,
-    way: Way,
+    way: SourceRoute,
     /// Never through a relay: the relay's own.
     direct: bool,
     daemon: DaemonMark,
     away: bool,
-    deaf: bool,
+    no_route: bool,
+    /// The last start could not be asked for.
+    start_failed: bool,
     next_look: Instant,
-    inputs: Sequence,
-    ticks: Sequence,
+    inputs: NumberedStream,
+    ticks: NumberedStream,
     /// Things and refusals of ways that were left.
     before: (u64, u64),
 }
 
-impl Source {
+impl LiveSource {
     /// Begins to listen to the daemon of `instance`, which must be up.
     ///
     /// # Errors
     ///
-    /// No daemon; no relay, and no place in shared memory.
+    /// No daemon; no relay, and no slot in shared memory.
     pub fn open(instance: &Instance, wants: Wants) -> Result<Self, LiveError> {
         Self::opened(instance, wants, false)
     }
@@ -172,15 +165,15 @@ impl Source {
             direct,
             daemon,
             away: false,
-            deaf: false,
+            no_route: false,
+            start_failed: false,
             next_look: Instant::now() + LOOK_EVERY,
-            inputs: Sequence::new(),
-            ticks: Sequence::new(),
+            inputs: NumberedStream::new(),
+            ticks: NumberedStream::new(),
             before: (0, 0),
         })
     }
 
-    /// The instance.
     #[must_use]
     pub const fn instance(&self) -> &Instance {
         &self.instance
@@ -195,27 +188,27 @@ impl Source {
     /// Whether it listens to a relay now.
     #[must_use]
     pub const fn is_relayed(&self) -> bool {
-        matches!(self.way, Way::Relay(_))
+        matches!(self.way, SourceRoute::Relay(_))
     }
 
     /// Passes on what has come, in order of each kind; returns what changed. Call this every few
     /// milliseconds: 256 ticks are kept unread.
-    pub fn hear(&mut self, mut use_heard: impl FnMut(Heard)) -> Option<News> {
+    pub fn hear(&mut self, mut use_heard: impl FnMut(SourceMessage)) -> Option<SourceNews> {
         let Self { way, inputs, ticks, .. } = self;
-        let whole = matches!(way, Way::Memory(_));
-        let mut pass = |heard: Heard| {
+        let whole = matches!(way, SourceRoute::Memory(_));
+        let mut pass = |heard: SourceMessage| {
             let admitted = match &heard {
-                Heard::Input(input) => inputs.admits(&input.header, whole),
-                Heard::Tick(record) => ticks.admits(&record.header, whole),
-                Heard::Status(_) | Heard::Thing(_) => true,
+                SourceMessage::Input(input) => inputs.admits(&input.header, whole),
+                SourceMessage::Tick(record) => ticks.admits(&record.header, whole),
+                SourceMessage::Status(_) | SourceMessage::Thing(_) => true,
             };
             if admitted {
                 use_heard(heard);
             }
         };
         match way {
-            Way::Memory(memory) => memory.hear(&mut pass),
-            Way::Relay(remote) => remote.hear(&mut pass),
+            SourceRoute::Memory(memory) => memory.hear(&mut pass),
+            SourceRoute::Relay(remote) => remote.hear(&mut pass),
         }
         if Instant::now() < self.next_look {
             return None;
@@ -224,21 +217,21 @@ impl Source {
         self.look()
     }
 
-    fn look(&mut self) -> Option<News> {
+    fn look(&mut self) -> Option<SourceNews> {
         let found = self.instance.daemon();
         match &mut self.way {
-            Way::Relay(remote) if remote.is_over() => self.leave_relay(),
-            Way::Relay(_) => {
+            SourceRoute::Relay(remote) if remote.is_over() => self.leave_relay(),
+            SourceRoute::Relay(_) => {
                 let Some(found) = found else {
-                    return (!std::mem::replace(&mut self.away, true)).then_some(News::Gone);
+                    return (!std::mem::replace(&mut self.away, true)).then_some(SourceNews::Gone);
                 };
                 let other = std::mem::replace(&mut self.daemon, found) != found;
                 let back = std::mem::take(&mut self.away);
-                if other { Some(News::Renewed) } else { back.then_some(News::Back) }
+                if other { Some(SourceNews::Renewed) } else { back.then_some(SourceNews::Back) }
             }
-            Way::Memory(memory) => {
+            SourceRoute::Memory(memory) => {
                 let news = memory.look();
-                if matches!(news, Some(News::Renewed)) {
+                if matches!(news, Some(SourceNews::Renewed)) {
                     self.inputs.begin_anew();
                     self.ticks.begin_anew();
                 }
@@ -248,20 +241,20 @@ impl Source {
         }
     }
 
-    /// The relay is gone: another one, or a place of its own.
-    fn leave_relay(&mut self) -> Option<News> {
+    /// The relay is gone: another one, or a slot of its own.
+    fn leave_relay(&mut self) -> Option<SourceNews> {
         match way(&self.instance, self.wants, self.direct) {
             Ok(new) => {
                 let lost = self.lost();
                 let refused = lost.refused - self.inputs.refused - self.ticks.refused;
                 (self.before, self.way) = ((lost.things, refused), new);
-                (self.deaf, self.away) = (false, false);
-                Some(News::Elsewhere)
+                (self.no_route, self.away) = (false, false);
+                Some(SourceNews::Elsewhere)
             }
             Err(LiveError::Service(ServiceError::NoDaemon { .. })) => {
-                (!std::mem::replace(&mut self.away, true)).then_some(News::Gone)
+                (!std::mem::replace(&mut self.away, true)).then_some(SourceNews::Gone)
             }
-            Err(error) => (!std::mem::replace(&mut self.deaf, true)).then_some(News::Deaf(error)),
+            Err(error) => (!std::mem::replace(&mut self.no_route, true)).then_some(SourceNews::Deaf(error)),
         }
     }
 
@@ -269,23 +262,26 @@ impl Source {
     ///
     /// # Errors
     ///
-    /// Another has taken the place meanwhile: things do not come until this succeeds.
-    pub fn start_again(&mut self) -> Result<(), LiveError> {
-        match &mut self.way {
-            Way::Memory(memory) => memory.start_again(),
-            Way::Relay(remote) => {
+    /// Another reader has taken the slot meanwhile: snapshots do not come until this succeeds. With what is
+    /// to be reported, once for failures in a row.
+    pub fn start_again(&mut self) -> Result<(), Option<SourceNews>> {
+        let asked = match &mut self.way {
+            SourceRoute::Memory(memory) => memory.start_again(),
+            SourceRoute::Relay(remote) => {
                 remote.start_again();
                 Ok(())
             }
-        }
+        };
+        let reported = std::mem::replace(&mut self.start_failed, asked.is_err());
+        asked.map_err(|error| (!reported).then_some(SourceNews::Deaf(error)))
     }
 
     /// What did not reach the caller so far.
     #[must_use]
     pub fn lost(&self) -> Lost {
         let (things, refused) = match &self.way {
-            Way::Memory(memory) => (memory.broken(), memory.refused()),
-            Way::Relay(remote) => (remote.counts().broken, remote.counts().refused),
+            SourceRoute::Memory(memory) => (memory.broken(), memory.refused()),
+            SourceRoute::Relay(remote) => (remote.counts().broken, remote.counts().refused),
         };
         Lost {
             inputs: self.inputs.lost(),
@@ -297,13 +293,13 @@ impl Source {
 }
 
 /// A relay if there is one, or shared memory.
-fn way(instance: &Instance, wants: Wants, direct: bool) -> Result<Way, LiveError> {
+fn way(instance: &Instance, wants: Wants, direct: bool) -> Result<SourceRoute, LiveError> {
     if !direct && let Some(remote) = Remote::connect(instance, wants) {
-        return Ok(Way::Relay(remote));
+        return Ok(SourceRoute::Relay(remote));
     }
-    match Memory::open(instance, wants) {
-        Ok(memory) => Ok(Way::Memory(Box::new(memory))),
-        Err(LiveError::Service(error @ ServiceError::NoPlace { .. })) => {
+    match MemorySource::open(instance, wants) {
+        Ok(memory) => Ok(SourceRoute::Memory(Box::new(memory))),
+        Err(LiveError::Service(error @ ServiceError::NoSlot { .. })) => {
             Err(LiveError::NoPlace { error, direct })
         }
         Err(error) => Err(error),
@@ -321,7 +317,7 @@ mod tests {
     #[test]
     fn gaps_are_counted_across_ways_and_what_a_new_sender_sent_before_is_not() {
         let now = monotonic_now_ns();
-        let mut ticks = Sequence::new();
+        let mut ticks = NumberedStream::new();
         for sequence in [5, 6, 9] {
             assert!(ticks.admits(&header(sequence, now + sequence), false));
         }

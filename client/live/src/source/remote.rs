@@ -7,8 +7,8 @@ use std::time::{Duration, Instant};
 
 use foretrace_client::Instance;
 
-use super::frame::{Counts, Inbox, Said, framed, hello, kind, said, wants_frame};
-use super::{Heard, Wants};
+use super::frame::{FrameInbox, LossCounts, RelayMessage, framed, hello, kind, said, wants_frame};
+use super::{SourceMessage, Wants};
 
 /// Longest wait for a relay's greeting.
 const GREETING: Duration = Duration::from_millis(500);
@@ -23,12 +23,12 @@ pub(crate) fn relay_socket(instance: &Instance) -> PathBuf {
 #[derive(Debug)]
 pub(super) struct Remote {
     stream: UnixStream,
-    inbox: Inbox,
+    inbox: FrameInbox,
     heard: Instant,
     over: bool,
     /// The relay's counts when this began to listen.
-    base: Option<Counts>,
-    counts: Counts,
+    base: Option<LossCounts>,
+    counts: LossCounts,
     /// Messages that were refused here.
     refused: u64,
 }
@@ -43,7 +43,7 @@ impl Remote {
         stream.write_all(&wants_frame(wants)).ok()?;
         // A relay never pauses: what waits for a pause would wait for long.
         stream.set_nonblocking(true).ok()?;
-        let (begin, mut inbox) = (Instant::now(), Inbox::of_relay());
+        let (begin, mut inbox) = (Instant::now(), FrameInbox::of_relay());
         while begin.elapsed() < GREETING {
             inbox.fill(&mut stream).ok()?;
             if let Some((found, body)) = inbox.next_frame().ok()? {
@@ -56,7 +56,7 @@ impl Remote {
                     heard: Instant::now(),
                     over: false,
                     base: None,
-                    counts: Counts::default(),
+                    counts: LossCounts::default(),
                     refused: 0,
                 });
             }
@@ -65,7 +65,7 @@ impl Remote {
         None
     }
 
-    pub(super) fn hear(&mut self, pass: &mut dyn FnMut(Heard)) {
+    pub(super) fn hear(&mut self, pass: &mut dyn FnMut(SourceMessage)) {
         if self.over {
             return;
         }
@@ -77,15 +77,15 @@ impl Remote {
                 Ok(Some((kind, body))) => {
                     self.heard = Instant::now();
                     match said(kind, body) {
-                        Some(Said::Heard(heard)) => pass(heard),
-                        Some(Said::Counts(counts)) => {
+                        Some(RelayMessage::Heard(heard)) => pass(heard),
+                        Some(RelayMessage::Counts(counts)) => {
                             let base = self.base.get_or_insert(counts);
-                            self.counts = Counts {
+                            self.counts = LossCounts {
                                 refused: counts.refused.saturating_sub(base.refused),
                                 broken: counts.broken.saturating_sub(base.broken),
                             };
                         }
-                        Some(Said::Refused) => self.refused += 1,
+                        Some(RelayMessage::Refused) => self.refused += 1,
                         None => {
                             self.over = true;
                             break;
@@ -113,8 +113,8 @@ impl Remote {
         self.over || self.heard.elapsed() > SILENT
     }
 
-    pub(super) fn counts(&self) -> Counts {
-        Counts { refused: self.counts.refused + self.refused, ..self.counts }
+    pub(super) fn counts(&self) -> LossCounts {
+        LossCounts { refused: self.counts.refused + self.refused, ..self.counts }
     }
 }
 
@@ -140,7 +140,7 @@ mod tests {
         let relay = std::thread::spawn(move || {
             let (mut stream, _) = listener.accept().unwrap();
             stream.write_all(&framed(kind::HELLO, &hello())).unwrap();
-            let (_, frame) = frame_of(&Heard::Tick(Box::default()));
+            let (_, frame) = frame_of(&SourceMessage::Tick(Box::default()));
             let mut sent = 0_u64;
             while sent < 500 && !is_heard.load(Ordering::Relaxed) {
                 stream.write_all(&frame).unwrap();

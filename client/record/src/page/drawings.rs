@@ -6,9 +6,9 @@
 use foretrace_sim::metrics::{ToolSample, error_series};
 use foretrace_sim::path::PathSample;
 use foretrace_sim::plot::Distribution;
-use foretrace_sim::plot::page::{Curve, CurvePanel, Picture, Shown, Traced, curves, durations, paths};
+use foretrace_sim::plot::{CurvePanel, PageCurve, Picture, Shown, Traced, curves, durations, paths};
 
-use super::run::{GhostSample, Run};
+use super::run::{GhostSample, RunTraces};
 
 const ARM: &str = "the arm";
 const GHOST: &str = "the ghost (no prediction)";
@@ -20,7 +20,7 @@ const LENS_S: f64 = 0.8;
 /// The part of a run that is shown: from the end of the approach on.
 #[derive(Debug)]
 pub struct View<'a> {
-    run: &'a Run,
+    run: &'a RunTraces,
     tool: Vec<ToolSample>,
     ghost: Vec<ToolSample>,
     /// Errors of the arm and of the ghost while the pen wrote \[s, mm\].
@@ -31,7 +31,7 @@ pub struct View<'a> {
 impl<'a> View<'a> {
     /// That of `run`.
     #[must_use]
-    pub fn of(run: &'a Run) -> Self {
+    pub fn of(run: &'a RunTraces) -> Self {
         let notes = &run.compared;
         let errors = if notes.is_empty() {
             // No ghost: the records of arm and pen alone; all of them where the tool never came near.
@@ -81,11 +81,11 @@ impl<'a> View<'a> {
         let [arm, ghost] = self.errors.each_ref().map(|rows| self.since_begin(rows));
         let trust = self.since_begin(&self.run.trust);
         let drawn = [
-            Curve { shown: Shown::Ghost, label: GHOST, wide: false, points: &ghost },
-            Curve { shown: Shown::Arm, label: ARM, wide: false, points: &arm },
+            PageCurve { shown: Shown::Ghost, label: GHOST, wide: false, points: &ghost },
+            PageCurve { shown: Shown::Arm, label: ARM, wide: false, points: &arm },
         ];
         let from = usize::from(ghost.is_empty());
-        let trusted = [Curve { shown: Shown::Other, label: "trust", wide: false, points: &trust }];
+        let trusted = [PageCurve { shown: Shown::Other, label: "trust", wide: false, points: &trust }];
         let panels = [
             CurvePanel {
                 label: "distance from the pen while it writes [mm]",
@@ -120,11 +120,11 @@ impl<'a> View<'a> {
         };
         let points: Vec<_> = pen.iter().map(|s| (1e3 * (s.t_s - from), pick(s.x_m, s.y_m))).collect();
         let (arm, ghost) = (tool(&self.tool), tool(&self.ghost));
-        let mut drawn = vec![Curve { shown: Shown::Pen, label: "the pen", wide: true, points: &points }];
+        let mut drawn = vec![PageCurve { shown: Shown::Pen, label: "the pen", wide: true, points: &points }];
         if !ghost.is_empty() {
-            drawn.push(Curve { shown: Shown::Ghost, label: GHOST, wide: false, points: &ghost });
+            drawn.push(PageCurve { shown: Shown::Ghost, label: GHOST, wide: false, points: &ghost });
         }
-        drawn.push(Curve { shown: Shown::Arm, label: ARM, wide: false, points: &arm });
+        drawn.push(PageCurve { shown: Shown::Arm, label: ARM, wide: false, points: &arm });
         let label =
             if along_y { "across the line of writing [mm]" } else { "along the line of writing [mm]" };
         let values = || drawn.iter().flat_map(|curve| curve.points).map(|p| p.1);

@@ -11,12 +11,12 @@ mod recording;
 
 use std::fmt::Write as _;
 
-use foretrace_sim::plot::page::{Picture, STYLE, escaped};
+use foretrace_sim::plot::{Picture, STYLE, escaped};
 
 pub use drawings::{View, times};
-pub use moving::{Moving, Place};
+pub use moving::{DeskGeometry, ReplayFrames};
 pub use recording::of_recording;
-pub use run::{Compared, GhostSample, Late, Run, approached, tool_at};
+pub use run::{GhostComparison, GhostSample, Late, RunTraces, approached, tool_at};
 
 const PAGE_STYLE: &str = include_str!("page.css");
 /// Nothing is asked of a network, whatever a page holds.
@@ -103,7 +103,7 @@ mod tests {
     }
 
     #[test]
-    fn late_ticks_are_told_by_their_cause() {
+    fn late_ticks_are_reported_by_their_cause() {
         assert_eq!(late_words(0, 0), "");
         assert_eq!(
             late_words(3, 1),

@@ -11,7 +11,7 @@ use nalgebra::Vector3;
 use serde::Serialize;
 
 use super::drawings::{GAP_S, View};
-use super::run::Run;
+use super::run::RunTraces;
 
 /// The longest replay \[s\]; keeps a page far below a megabyte.
 pub(super) const LONGEST_S: f64 = 60.0;
@@ -30,10 +30,8 @@ const SCRIPT: &str = include_str!("moving.js");
 
 /// What the arm is, and where it writes.
 #[derive(Debug, Clone, Copy)]
-pub struct Place<'a> {
-    /// Its geometry.
+pub struct DeskGeometry<'a> {
     pub chain: &'a Chain<JOINTS>,
-    /// The writing plane.
     pub plane: &'a Plane,
     /// The paper in that plane: range of x and of y \[m\].
     pub paper_m: [[f64; 2]; 2],
@@ -41,7 +39,7 @@ pub struct Place<'a> {
 
 /// A path in the plane, a frame each.
 #[derive(Debug, Default, PartialEq, Serialize)]
-struct Series {
+struct PlaneTrack {
     /// Hundredths of a millimetre; null: not known.
     x: Vec<Option<i32>>,
     y: Vec<Option<i32>>,
@@ -49,10 +47,10 @@ struct Series {
     down: String,
 }
 
-impl Series {
+impl PlaneTrack {
     fn push(&mut self, at: Option<([f64; 2], bool)>) {
         let ([x, y], down) =
-            at.map_or(([None; 2], false), |(place, down)| (place.map(|m| rounded(m, 1e5)), down));
+            at.map_or(([None; 2], false), |(desk, down)| (desk.map(|m| rounded(m, 1e5)), down));
         self.x.push(x);
         self.y.push(y);
         self.down.push(if down { '1' } else { '0' });
@@ -63,23 +61,21 @@ impl Series {
 #[derive(Debug, PartialEq, Serialize)]
 struct Links {
     hz: u32,
-    /// Numbers per frame.
     each: usize,
     /// x, y and z of the joints' origins and of the tip in the base's frame \[mm\]; null: not known.
     at: Vec<Option<i32>>,
 }
 
-/// The replay's frames.
 #[derive(Debug, PartialEq, Serialize)]
-pub struct Moving {
+pub struct ReplayFrames {
     hz: u32,
     /// What the clock shows at the first frame \[s\].
     from: f64,
     /// The frame that is shown to who wants no motion.
     still: usize,
-    pen: Series,
-    arm: Series,
-    ghost: Option<Series>,
+    pen: PlaneTrack,
+    arm: PlaneTrack,
+    ghost: Option<PlaneTrack>,
     /// The plane's origin \[mm\], and its x and y in the base's frame.
     paper: [[f64; 3]; 3],
     /// Left, right, lower and upper edge of the paper in the plane \[mm\].
@@ -90,10 +86,10 @@ pub struct Moving {
     left_out: String,
 }
 
-impl Moving {
+impl ReplayFrames {
     /// The replay of what `view` shows of `run`; the clock is 0 at `zero_s`. `None`: there is too little.
     #[must_use]
-    pub fn of(run: &Run, view: &View<'_>, place: &Place<'_>, zero_s: f64) -> Option<Self> {
+    pub fn of(run: &RunTraces, view: &View<'_>, desk: &DeskGeometry<'_>, zero_s: f64) -> Option<Self> {
         let whole = view.span();
         let (from, to) = if whole.1 - whole.0 > LONGEST_S {
             view.liveliest(LONGEST_S).unwrap_or((whole.1 - LONGEST_S, whole.1))
@@ -116,23 +112,23 @@ impl Moving {
         let ghost_rows: Vec<_> = run.ghost.iter().map(|s| (s.t_s, s.at_m)).collect();
         let (mut pen, mut ghost) = (Along::new(&pen_rows), Along::new(&ghost_rows));
         let mut joints = Along::new(&run.joints);
-        let touches = TOUCHES * place.plane.lift_height;
+        let touches = TOUCHES * desk.plane.lift_height;
         let mut moving = Self {
             hz: HZ,
             from: ((from - zero_s) * 1e2).round() / 1e2,
             still: 0,
-            pen: Series::default(),
-            arm: Series::default(),
+            pen: PlaneTrack::default(),
+            arm: PlaneTrack::default(),
             ghost: None,
-            paper: paper(place.plane),
+            paper: paper(desk.plane),
             sheet: {
-                let [[x0, x1], [y0, y1]] = place.paper_m;
+                let [[x0, x1], [y0, y1]] = desk.paper_m;
                 [x0, x1, y0, y1].map(|m| rounded(m, 1e3))
             },
             arm_joints: Links { hz: JOINTS_HZ, each: 3 * POINTS, at: Vec::new() },
             left_out,
         };
-        let (mut behind, mut farthest) = (Series::default(), 0.0);
+        let (mut behind, mut farthest) = (PlaneTrack::default(), 0.0);
         for frame in 0..count {
             let t_s = from + frame as f64 / f64::from(HZ);
             let hand = pen.at(t_s);
@@ -146,10 +142,10 @@ impl Moving {
                     (moving.still, farthest) = (frame, apart);
                 }
             }
-            let points = joints.at(t_s).map(|q| points(place.chain, &q));
+            let points = joints.at(t_s).map(|q| points(desk.chain, &q));
             let tip = points.and_then(|points| points.last().copied());
             moving.arm.push(tip.map(|tip| {
-                let at = place.plane.point_from_base(&tip);
+                let at = desk.plane.point_from_base(&tip);
                 ([at.x, at.y], at.z <= touches)
             }));
             if frame.is_multiple_of((HZ / JOINTS_HZ) as usize) {
@@ -191,7 +187,7 @@ impl Moving {
              <p>{words}{gap}{left_out}</p>\n\
              <div class=\"keys gap\"><span><i class=\"pen\"></i>the pen</span><span><i class=\"arm\"></i>{arm}: \
              <b data-name=\"arm\"></b></span>{ghost}</div>\n\
-             <div class=\"views\"><canvas role=\"img\" aria-label=\"What pen and arm write, and below it the place \
+             <div class=\"views\"><canvas role=\"img\" aria-label=\"What pen and arm write, and below it the desk \
              around the pen enlarged\"></canvas><canvas role=\"img\" aria-label=\"The arm from its \
              side\"></canvas></div>\n\
              <div class=\"bar\"><button type=\"button\">Play</button><input type=\"range\" min=\"0\" max=\"1\" \
@@ -233,7 +229,7 @@ struct Along<'a, const N: usize> {
 }
 
 impl<'a, const N: usize> Along<'a, N> {
-    /// Where there are few rows, because few were recorded, what lies between two of them is no gap.
+    /// Where there are few rows, because few were recorded, what lies between two of them is not a gap.
     fn new(rows: &'a [(f64, [f64; N])]) -> Self {
         let mut steps: Vec<f64> = rows.iter().zip(rows.iter().skip(1)).map(|(a, b)| b.0 - a.0).collect();
         steps.sort_by(f64::total_cmp);
@@ -266,9 +262,9 @@ mod tests {
     use foretrace_sim::path::PathSample;
 
     /// Two seconds at 500 Hz: the pen along x, the joints about home, a ghost 10 mm behind.
-    fn run(config: &Config, ghost: bool) -> Run {
+    fn run(config: &Config, ghost: bool) -> RunTraces {
         let times = || (0..1000).map(|k| 5.0 + f64::from(k) * 0.002);
-        let mut run = Run::default();
+        let mut run = RunTraces::default();
         for t_s in times() {
             let x_m = 0.05 * (t_s - 5.0);
             run.pen.push(PathSample { t_s, x_m, y_m: 0.01, contact: !(6.0..6.5).contains(&t_s) });
@@ -288,13 +284,16 @@ mod tests {
         run
     }
 
-    fn moving(ghost: bool) -> (Config, Run, Moving) {
+    fn moving(ghost: bool) -> (Config, RunTraces, ReplayFrames) {
         let config = Config::preset("ur5").unwrap();
         let run = run(&config, ghost);
         let plane = config.follower_settings().plane;
-        let place =
-            Place { chain: &config.robot().chain, plane: &plane, paper_m: [[-0.1, 0.1], [-0.05, 0.05]] };
-        let moving = Moving::of(&run, &View::of(&run), &place, 5.0).unwrap();
+        let desk = DeskGeometry {
+            chain: &config.robot().chain,
+            plane: &plane,
+            paper_m: [[-0.1, 0.1], [-0.05, 0.05]],
+        };
+        let moving = ReplayFrames::of(&run, &View::of(&run), &desk, 5.0).unwrap();
         (config, run, moving)
     }
 
@@ -342,7 +341,7 @@ mod tests {
     #[test]
     fn a_long_run_is_cut_to_where_the_pen_wrote_most_and_says_so() {
         let config = Config::preset("ur5").unwrap();
-        let mut run = Run::default();
+        let mut run = RunTraces::default();
         for k in 0..30_000_u32 {
             let t_s = f64::from(k) * 0.01;
             // It writes fast from 150 s on for 60 s, and slowly otherwise.
@@ -352,8 +351,8 @@ mod tests {
             run.tool.push(foretrace_sim::metrics::ToolSample { t_s, x_m: 0.0, y_m: 0.0 });
         }
         let plane = config.follower_settings().plane;
-        let place = Place { chain: &config.robot().chain, plane: &plane, paper_m: [[-0.1, 0.1]; 2] };
-        let moving = Moving::of(&run, &View::of(&run), &place, 0.0).unwrap();
+        let desk = DeskGeometry { chain: &config.robot().chain, plane: &plane, paper_m: [[-0.1, 0.1]; 2] };
+        let moving = ReplayFrames::of(&run, &View::of(&run), &desk, 0.0).unwrap();
         assert!((moving.from - 150.0).abs() < 2.0 && moving.pen.x.len() <= 6002, "{}", moving.from);
         let page = moving.section();
         assert!(

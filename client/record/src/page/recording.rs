@@ -11,15 +11,15 @@ use foretrace_config::Config;
 use foretrace_shm::{GhostState, Mode, PieceKind, Stage, TickRecord, health, pen_flags};
 use foretrace_sim::metrics::{ToolSample, error_series, tracking};
 use foretrace_sim::path::PathSample;
-use foretrace_sim::plot::page::escaped;
+use foretrace_sim::plot::escaped;
 
 use super::drawings::{View, times};
-use super::moving::{FARTHEST_M, LONGEST_S, Moving, Place};
-use super::run::{Compared, GhostSample, Late, Run, approached, tool_at};
+use super::moving::{DeskGeometry, FARTHEST_M, LONGEST_S, ReplayFrames};
+use super::run::{GhostComparison, GhostSample, Late, RunTraces, approached, tool_at};
 use super::{claim, late_words, table, tiles, whole};
 use crate::RecordError;
-use crate::explain::{Told, moments};
-use crate::read::{Content, Entry, Reader};
+use crate::explain::{Explanation, moments};
+use crate::read::{Content, RecordingEntry, RecordingReader};
 
 /// Between two ticks of one piece, and from a tick to the stamps in its record \[ns\].
 const MAX_STEP_NS: u64 = 1_000_000_000;
@@ -31,10 +31,10 @@ fn plausible(metres: &[f64]) -> bool {
 
 /// A stretch without a gap in which the loop followed the pen, or a part of one.
 #[derive(Default)]
-struct Piece {
+struct FollowedStretch {
     /// Releases of its first tick and its last \[ns\].
     times_ns: Option<(u64, u64)>,
-    run: Run,
+    run: RunTraces,
     /// Waking up and computing of each tick \[ns\].
     costs: Vec<(u32, u32)>,
     /// Late ticks: woken late, and with too much work.
@@ -45,7 +45,7 @@ struct Piece {
     predictor: String,
 }
 
-impl Piece {
+impl FollowedStretch {
     /// Whether `record` is the next tick of this piece.
     fn goes_on(&self, record: &TickRecord) -> bool {
         self.times_ns.is_none_or(|(first, last)| {
@@ -90,7 +90,7 @@ impl Piece {
         if let Some(ghost) = ghost.filter(rises).filter(|ghost| plausible(&ghost.at_m)) {
             run.ghost.push(ghost);
         }
-        let compared = Compared::of(record)
+        let compared = GhostComparison::of(record)
             .filter(|note| near(record.compared_ns) && plausible(&[note.error_m, note.ghost_error_m]));
         run.compared.extend(compared);
         run.trust.push((now as f64 * 1e-9, record.trust));
@@ -108,8 +108,8 @@ impl Piece {
 
 /// The best piece of a recording.
 #[derive(Default)]
-struct Found {
-    piece: Piece,
+struct BestStretch {
+    piece: FollowedStretch,
     /// Settings in force; `None`: the file has none.
     settings: Option<Vec<u8>>,
     /// Release of the first tick record \[ns\].
@@ -120,11 +120,11 @@ struct Found {
     pieces: u32,
 }
 
-fn found(path: &Path) -> Result<Found, RecordError> {
-    let mut reader = Reader::open(path)?;
-    let (mut best, mut now, mut settings) = (Found::default(), Piece::default(), None);
+fn found(path: &Path) -> Result<BestStretch, RecordError> {
+    let mut reader = RecordingReader::open(path)?;
+    let (mut best, mut now, mut settings) = (BestStretch::default(), FollowedStretch::default(), None);
     let mut times: Option<(u64, u64)> = None;
-    let end = |best: &mut Found, now: &mut Piece, settings: &Option<Vec<u8>>| {
+    let end = |best: &mut BestStretch, now: &mut FollowedStretch, settings: &Option<Vec<u8>>| {
         let piece = std::mem::take(now);
         best.pieces += u32::from(piece.times_ns.is_some());
         if (piece.written_m, piece.seconds()) > (best.piece.written_m, best.piece.seconds()) {
@@ -133,7 +133,7 @@ fn found(path: &Path) -> Result<Found, RecordError> {
         }
     };
     while let Some(entry) = reader.next_entry()? {
-        let Entry::Message(message) = entry else { continue };
+        let RecordingEntry::Message(message) = entry else { continue };
         match reader.ticks_and_things(&message)? {
             Content::Thing(thing) if thing.kind == PieceKind::Settings => settings = Some(thing.bytes),
             Content::Tick(record) => {
@@ -162,9 +162,9 @@ fn found(path: &Path) -> Result<Found, RecordError> {
 ///
 /// # Errors
 ///
-/// It is no recording of this program's layout, the loop never followed a pen in it, or its settings, which
-/// hold the arm's geometry, are not there or not legal here.
-pub fn of_recording(path: &Path) -> Result<(String, Told), RecordError> {
+/// It is not a recording of this program's layout, the loop never followed a pen in it, or its settings,
+/// which hold the arm's geometry, are not there or not legal here.
+pub fn of_recording(path: &Path) -> Result<(String, Explanation), RecordError> {
     let told = moments(path)?;
     let mut found = found(path)?;
     let wrong = |why: String| RecordError::Format { path: path.to_path_buf(), why };
@@ -184,7 +184,7 @@ pub fn of_recording(path: &Path) -> Result<(String, Told), RecordError> {
 }
 
 /// Completes `run` by what follows from its joints.
-fn measure(run: &mut Run, config: &Config) {
+fn measure(run: &mut RunTraces, config: &Config) {
     let plane = config.follower_settings().plane;
     for (t_s, q) in &run.joints {
         let (tool, height) = tool_at(*t_s, &config.robot().chain.forward(q).position, &plane);
@@ -198,14 +198,14 @@ fn measure(run: &mut Run, config: &Config) {
 
 /// A tool against the pen.
 #[derive(Default)]
-struct Score {
+struct ToolScore {
     rms_mm: Option<f64>,
     max_mm: Option<f64>,
     lag_ms: Option<f64>,
 }
 
 /// The arm and, where there is one, its ghost.
-fn scores(run: &Run, view: &View<'_>) -> [Score; 2] {
+fn scores(run: &RunTraces, view: &View<'_>) -> [ToolScore; 2] {
     let inside = |t_s: f64| (view.span().0..=view.span().1).contains(&t_s);
     let tool: Vec<ToolSample> = run.tool.iter().filter(|s| inside(s.t_s)).copied().collect();
     let ghost: Vec<ToolSample> = run.ghost.iter().map(GhostSample::tool).filter(|s| inside(s.t_s)).collect();
@@ -214,7 +214,7 @@ fn scores(run: &Run, view: &View<'_>) -> [Score; 2] {
         let square: f64 = errors.iter().map(|m| m * m).sum();
         let live = (!errors.is_empty()).then(|| (square / errors.len() as f64).sqrt());
         let most = errors.iter().copied().reduce(f64::max);
-        Score {
+        ToolScore {
             rms_mm: live.or(all.map(|all| all.rmse_m)).map(|m| 1e3 * m),
             max_mm: most.or(all.map(|all| all.max_m)).map(|m| 1e3 * m),
             lag_ms: all.map(|all| all.lag_ms),
@@ -224,10 +224,10 @@ fn scores(run: &Run, view: &View<'_>) -> [Score; 2] {
     let written = || run.compared.iter().filter(|note| note.contact);
     let arm: Vec<f64> = written().map(|note| note.error_m).collect();
     let behind: Vec<f64> = written().map(|note| note.ghost_error_m).collect();
-    [of(&tool, &arm), if ghost.is_empty() { Score::default() } else { of(&ghost, &behind) }]
+    [of(&tool, &arm), if ghost.is_empty() { ToolScore::default() } else { of(&ghost, &behind) }]
 }
 
-fn told_as_page(name: &str, found: &Found, config: &Config, told: &Told) -> String {
+fn told_as_page(name: &str, found: &BestStretch, config: &Config, told: &Explanation) -> String {
     let piece = &found.piece;
     let (run, view) = (&piece.run, View::of(&piece.run));
     let has_ghost = !run.ghost.is_empty();
@@ -272,8 +272,8 @@ fn told_as_page(name: &str, found: &Found, config: &Config, told: &Told) -> Stri
     let zero_s = found.begin_ns as f64 * 1e-9;
     let plane = config.follower_settings().plane;
     let [x_m, y_m, _] = config.settings().plane.workspace_m;
-    let place = Place { chain: &config.robot().chain, plane: &plane, paper_m: [x_m, y_m] };
-    let moving = Moving::of(run, &view, &place, zero_s);
+    let desk = DeskGeometry { chain: &config.robot().chain, plane: &plane, paper_m: [x_m, y_m] };
+    let moving = ReplayFrames::of(run, &view, &desk, zero_s);
     body.push_str(&moving.map_or_else(String::new, |moving| moving.section()));
     let late = piece.late.0 + piece.late.1;
     let beside = |words: &str| if has_ghost { format!("{words} without prediction") } else { String::new() };

@@ -7,10 +7,8 @@ use foretrace_shm::{GhostState, JOINTS, Stage, TickRecord};
 use foretrace_sim::metrics::{ErrorSample, ToolSample};
 use foretrace_sim::path::PathSample;
 
-/// The run.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Run {
-    /// The pen.
+pub struct RunTraces {
     pub pen: Vec<PathSample>,
     /// When \[s\], and the measured joints \[rad\].
     pub joints: Vec<(f64, [f64; JOINTS])>,
@@ -21,7 +19,7 @@ pub struct Run {
     /// The tool of the same loop without prediction; empty without a ghost.
     pub ghost: Vec<GhostSample>,
     /// How far both were from the pen; empty without a ghost.
-    pub compared: Vec<Compared>,
+    pub compared: Vec<GhostComparison>,
     /// When \[s\], and the trust.
     pub trust: Vec<(f64, f64)>,
     /// How far the tool was from the pen since it first came near it: what came before is the approach.
@@ -49,7 +47,6 @@ impl GhostSample {
         (comparable && known).then_some(Self { t_s, at_m: record.ghost_tool_m })
     }
 
-    /// Without its height.
     #[must_use]
     pub const fn tool(&self) -> ToolSample {
         let [x_m, y_m, _] = self.at_m;
@@ -59,18 +56,17 @@ impl GhostSample {
 
 /// How far the tool and its ghost were from the pen at one instant.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Compared {
+pub struct GhostComparison {
     /// \[s\]
     pub t_s: f64,
     /// \[m\]
     pub error_m: f64,
     /// \[m\]
     pub ghost_error_m: f64,
-    /// The pen wrote.
     pub contact: bool,
 }
 
-impl Compared {
+impl GhostComparison {
     /// What `record` says of the instant a tenth of a second before it.
     #[must_use]
     pub fn of(record: &TickRecord) -> Option<Self> {

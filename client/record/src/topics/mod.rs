@@ -12,7 +12,7 @@ pub(crate) mod scene;
 use foretrace_shm::layout::{Field, fnv1a};
 use foretrace_shm::{Status, TickInput, TickRecord, Wire};
 
-use crate::proto::{ProtoFile, Shape, descriptor_set};
+use crate::proto::{ProtoFile, ProtoShape, descriptor_set};
 pub use foxglove::{FRAME_TRANSFORM, LOG};
 pub(crate) use foxglove::{Turn, frame_transform};
 
@@ -25,14 +25,11 @@ pub use scene::SCENE_UPDATE;
 /// Encoding of raw topics.
 pub const WIRE: &str = "foretrace.wire";
 
-/// A topic.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Topic {
+pub enum RecordingTopic {
     /// Inputs of ticks, raw.
     Input,
-    /// Tick records, raw.
     TickRaw,
-    /// The status, raw.
     StatusRaw,
     /// Settings, weights and states, raw.
     Thing,
@@ -46,12 +43,10 @@ pub enum Topic {
     Log,
     /// The arm's shapes, what it keeps away from, and the paper.
     Scene,
-    /// The previewed path.
     Preview,
 }
 
-impl Topic {
-    /// All of them.
+impl RecordingTopic {
     pub const ALL: [Self; 10] = [
         Self::Input,
         Self::TickRaw,
@@ -94,8 +89,9 @@ impl Topic {
         let raw = |name: &str, hash: u64, fields: &[Field], size: usize| {
             (name.to_owned(), WIRE, layout_table(hash, fields, size).into_bytes())
         };
-        let proto =
-            |shape: &Shape, files: &[ProtoFile]| (shape.name.to_owned(), "protobuf", descriptor_set(files));
+        let proto = |shape: &ProtoShape, files: &[ProtoFile]| {
+            (shape.name.to_owned(), "protobuf", descriptor_set(files))
+        };
         match self {
             Self::Input => {
                 let (name, encoding, mut table) =
@@ -121,9 +117,7 @@ impl Topic {
     pub const fn encoding(self) -> &'static str {
         match self {
             Self::Input | Self::TickRaw | Self::StatusRaw | Self::Thing => WIRE,
-            Self::Tick | Self::Frames | Self::Recorder | Self::Log | Self::Scene | Self::Preview => {
-                "protobuf"
-            }
+            _ => "protobuf",
         }
     }
 }
@@ -132,7 +126,7 @@ impl Topic {
 #[must_use]
 pub fn layouts() -> u64 {
     let mut heads = Vec::new();
-    for topic in Topic::ALL.into_iter().filter(|topic| topic.encoding() == WIRE) {
+    for topic in RecordingTopic::ALL.into_iter().filter(|topic| topic.encoding() == WIRE) {
         heads.extend_from_slice(layout_of(&topic.schema().2));
     }
     fnv1a(&heads)

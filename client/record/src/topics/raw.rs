@@ -90,11 +90,11 @@ pub fn thing_of(mut bytes: &[u8]) -> Option<Thing> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::topics::Topic;
+    use crate::topics::RecordingTopic;
 
     #[test]
     fn layout_tables_say_what_the_numbers_are() {
-        let (_, _, table) = Topic::Input.schema();
+        let (_, _, table) = RecordingTopic::Input.schema();
         let table = String::from_utf8(table).unwrap();
         for line in [
             "tick 32 8 u64",

@@ -4,66 +4,67 @@ use foretrace_shm as shm;
 use foretrace_shm::{FaultReason, Mode, Rung, Stage, TickRecord, TrustReason};
 
 use super::foxglove::{LOG, UPRIGHT, frame_transform, timestamp};
-use crate::proto::{Kind, ProtoFile, Shape, Value, encode};
+use crate::proto::ProtoKind::{Bool, F64, F64s, Text, U64};
+use crate::proto::{ProtoFile, ProtoShape, ProtoValue, encode, shape};
 
 /// Levels of a log, from debug to error.
 const LEVELS: [u32; 4] = [1, 2, 3, 4];
 
-/// One tick for people: names end in their units, unknown numbers are NaN.
-pub const TICK: Shape = Shape {
-    name: "foretrace.Tick",
-    fields: &[
-        ("tick", Kind::U64),
-        ("release_ns", Kind::U64),
-        ("mode", Kind::Text),
-        ("stopped_because", Kind::Text),
-        ("rung", Kind::Text),
-        ("predictor", Kind::Text),
-        ("trust", Kind::F64),
-        ("trust_target", Kind::F64),
-        ("trust_reason", Kind::Text),
-        ("pen_m", Kind::F64s),
-        ("pen_contact", Kind::Bool),
-        ("pen_age_ms", Kind::F64),
-        ("reference_m", Kind::F64s),
-        ("setpoint_m", Kind::F64s),
-        ("setpoint_mps", Kind::F64s),
-        ("setpoint_mps2", Kind::F64s),
-        ("tool_m", Kind::F64s),
-        ("ghost_tool_m", Kind::F64s),
-        ("q_rad", Kind::F64s),
-        ("qd_radps", Kind::F64s),
-        ("measured_q_rad", Kind::F64s),
-        ("error_mm", Kind::F64),
-        ("ghost_error_mm", Kind::F64),
-        ("predictor_error_mm", Kind::F64),
-        ("weights_version", Kind::U64),
-        ("wakeup_us", Kind::F64),
-        ("step_us", Kind::F64),
-        ("slack_us", Kind::F64),
-        ("shed", Kind::Bool),
-        ("overruns", Kind::U64),
-        ("health", Kind::Text),
+/// One tick for readers: names end in their units, unknown numbers are NaN.
+pub const TICK: ProtoShape = shape(
+    "foretrace.Tick",
+    &[
+        ("tick", U64),
+        ("release_ns", U64),
+        ("mode", Text),
+        ("stopped_because", Text),
+        ("rung", Text),
+        ("predictor", Text),
+        ("trust", F64),
+        ("trust_target", F64),
+        ("trust_reason", Text),
+        ("pen_m", F64s),
+        ("pen_contact", Bool),
+        ("pen_age_ms", F64),
+        ("reference_m", F64s),
+        ("setpoint_m", F64s),
+        ("setpoint_mps", F64s),
+        ("setpoint_mps2", F64s),
+        ("tool_m", F64s),
+        ("ghost_tool_m", F64s),
+        ("q_rad", F64s),
+        ("qd_radps", F64s),
+        ("measured_q_rad", F64s),
+        ("error_mm", F64),
+        ("ghost_error_mm", F64),
+        ("predictor_error_mm", F64),
+        ("weights_version", U64),
+        ("wakeup_us", F64),
+        ("step_us", F64),
+        ("slack_us", F64),
+        ("shed", Bool),
+        ("overruns", U64),
+        ("health", Text),
     ],
-};
+);
 
 /// What the recorder lost, since it began.
-pub const RECORDER: Shape = Shape {
-    name: "foretrace.Recorder",
-    fields: &[
-        ("written", Kind::U64),
-        ("queue_lost", Kind::U64),
-        ("inputs_lost", Kind::U64),
-        ("ticks_lost", Kind::U64),
-        ("things_broken", Kind::U64),
-        ("refused", Kind::U64),
+pub const RECORDER: ProtoShape = shape(
+    "foretrace.Recorder",
+    &[
+        ("written", U64),
+        ("queue_lost", U64),
+        ("inputs_lost", U64),
+        ("ticks_lost", U64),
+        ("things_broken", U64),
+        ("refused", U64),
     ],
-};
+);
 
 pub(super) const OURS: ProtoFile =
     ProtoFile { name: "foretrace.proto", imports: &[], messages: &[TICK, RECORDER] };
 
-/// `record` for people.
+/// `record` for readers.
 #[must_use]
 pub fn tick(record: &TickRecord) -> Vec<u8> {
     // Negative numbers stand for unknown ones on the wire.
@@ -73,37 +74,37 @@ pub fn tick(record: &TickRecord) -> Vec<u8> {
     let health = shm::health::labels(record.health).collect::<Vec<_>>().join(", ");
     let fault = FaultReason::try_from(record.fault).map_or("", FaultReason::label);
     let values = [
-        Value::U64(record.tick),
-        Value::U64(record.release_ns),
-        Value::Text(Mode::try_from(record.mode).map_or("unknown", Mode::label)),
-        Value::Text(fault),
-        Value::Text(Rung::try_from(record.rung).map_or("unknown", Rung::label)),
-        Value::Text(record.predictor.as_str().unwrap_or("")),
-        Value::F64(record.trust),
-        Value::F64(record.trust_target),
-        Value::Text(TrustReason::try_from(record.trust_reason).map_or("unknown", TrustReason::label)),
-        Value::F64s(&record.pen_m),
-        Value::Bool(record.pen_flags & shm::pen_flags::CONTACT != 0),
-        Value::F64(ms(record.chain.pen_age_ns)),
-        Value::F64s(&record.reference_m),
-        Value::F64s(&record.setpoint_m),
-        Value::F64s(&record.setpoint_mps),
-        Value::F64s(&record.setpoint_mps2),
-        Value::F64s(&record.tool_m),
-        Value::F64s(&record.ghost_tool_m),
-        Value::F64s(&record.q),
-        Value::F64s(&record.qd),
-        Value::F64s(&record.measured_q),
-        Value::F64(mm(record.error_m)),
-        Value::F64(mm(record.ghost_error_m)),
-        Value::F64(mm(record.predictor_error_m)),
-        Value::U64(record.learner_version),
-        Value::F64(us(Stage::Wakeup)),
-        Value::F64(us(Stage::Step)),
-        Value::F64(record.slack_ns as f64 * 1e-3),
-        Value::Bool(record.shed != 0),
-        Value::U64(record.counters.overruns),
-        Value::Text(&health),
+        ProtoValue::U64(record.tick),
+        ProtoValue::U64(record.release_ns),
+        ProtoValue::Text(Mode::try_from(record.mode).map_or("unknown", Mode::label)),
+        ProtoValue::Text(fault),
+        ProtoValue::Text(Rung::try_from(record.rung).map_or("unknown", Rung::label)),
+        ProtoValue::Text(record.predictor.as_str().unwrap_or("")),
+        ProtoValue::F64(record.trust),
+        ProtoValue::F64(record.trust_target),
+        ProtoValue::Text(TrustReason::try_from(record.trust_reason).map_or("unknown", TrustReason::label)),
+        ProtoValue::F64s(&record.pen_m),
+        ProtoValue::Bool(record.pen_flags & shm::pen_flags::CONTACT != 0),
+        ProtoValue::F64(ms(record.chain.pen_age_ns)),
+        ProtoValue::F64s(&record.reference_m),
+        ProtoValue::F64s(&record.setpoint_m),
+        ProtoValue::F64s(&record.setpoint_mps),
+        ProtoValue::F64s(&record.setpoint_mps2),
+        ProtoValue::F64s(&record.tool_m),
+        ProtoValue::F64s(&record.ghost_tool_m),
+        ProtoValue::F64s(&record.q),
+        ProtoValue::F64s(&record.qd),
+        ProtoValue::F64s(&record.measured_q),
+        ProtoValue::F64(mm(record.error_m)),
+        ProtoValue::F64(mm(record.ghost_error_m)),
+        ProtoValue::F64(mm(record.predictor_error_m)),
+        ProtoValue::U64(record.learner_version),
+        ProtoValue::F64(us(Stage::Wakeup)),
+        ProtoValue::F64(us(Stage::Step)),
+        ProtoValue::F64(record.slack_ns as f64 * 1e-3),
+        ProtoValue::Bool(record.shed != 0),
+        ProtoValue::U64(record.counters.overruns),
+        ProtoValue::Text(&health),
     ];
     encode(&TICK, &values).unwrap_or_default()
 }
@@ -152,12 +153,12 @@ pub fn warning(words: &str, time_ns: u64) -> Vec<u8> {
 fn log_line(level: u32, words: &str, time_ns: u64) -> Option<Vec<u8>> {
     let time = timestamp(time_ns);
     let values = [
-        Value::Part(&time),
-        Value::Choice(level),
-        Value::Text(words),
-        Value::Text("foretrace"),
-        Value::Text(""),
-        Value::Fixed32(0),
+        ProtoValue::Part(&time),
+        ProtoValue::Choice(level),
+        ProtoValue::Text(words),
+        ProtoValue::Text("foretrace"),
+        ProtoValue::Text(""),
+        ProtoValue::Fixed32(0),
     ];
     encode(&LOG, &values)
 }
@@ -174,7 +175,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn changes_from_tick_to_tick_are_told_once_in_words_with_their_weight() {
+    fn changes_from_tick_to_tick_are_reported_once_in_words_with_their_weight() {
         let following = TickRecord { mode: Mode::Following.into(), ..TickRecord::default() };
         let told = |before: &TickRecord, record: &TickRecord| -> Vec<(u8, String)> {
             let lines = log(before, record, 1_700_000_000_123_456_789);

@@ -3,138 +3,124 @@
 //! Source: the schemas of github.com/foxglove/foxglove-sdk without their newest fields from 100 on.
 
 use super::foxglove::{QUATERNION, TIME, Turn, UPRIGHT, VECTOR, quaternion, timestamp, vector};
-use crate::proto::{Kind, ProtoFile, Shape, Value, encode};
+use crate::proto::ProtoKind::{self, Bool, Bytes, Choice, F64, Fixed32s, I32, I64, Part, Parts, Text};
+use crate::proto::{ProtoFile, ProtoShape, ProtoValue, encode, shape};
 
 /// Foxglove's `SceneUpdate`.
-pub const SCENE_UPDATE: Shape = Shape {
-    name: "foxglove.SceneUpdate",
-    fields: &[
-        ("deletions", Kind::Parts("foxglove.SceneEntityDeletion")),
-        ("entities", Kind::Parts("foxglove.SceneEntity")),
-    ],
-};
+pub const SCENE_UPDATE: ProtoShape = shape(
+    "foxglove.SceneUpdate",
+    &[("deletions", Parts("foxglove.SceneEntityDeletion")), ("entities", Parts("foxglove.SceneEntity"))],
+);
 
-const DURATION: Shape =
-    Shape { name: "google.protobuf.Duration", fields: &[("seconds", Kind::I64), ("nanos", Kind::I32)] };
+const DURATION: ProtoShape = shape("google.protobuf.Duration", &[("seconds", I64), ("nanos", I32)]);
 
-const POSE_PART: Kind = Kind::Part("foxglove.Pose");
-const COLOR_PART: Kind = Kind::Part("foxglove.Color");
-const VECTOR_PART: Kind = Kind::Part("foxglove.Vector3");
+const POSE_PART: ProtoKind = Part("foxglove.Pose");
+const COLOR_PART: ProtoKind = Part("foxglove.Color");
+const VECTOR_PART: ProtoKind = Part("foxglove.Vector3");
 
-const POSE: Shape = Shape {
-    name: "foxglove.Pose",
-    fields: &[("position", VECTOR_PART), ("orientation", Kind::Part("foxglove.Quaternion"))],
-};
-const COLOR: Shape = Shape {
-    name: "foxglove.Color",
-    fields: &[("r", Kind::F64), ("g", Kind::F64), ("b", Kind::F64), ("a", Kind::F64)],
-};
-const POINT: Shape =
-    Shape { name: "foxglove.Point3", fields: &[("x", Kind::F64), ("y", Kind::F64), ("z", Kind::F64)] };
-const PAIR: Shape =
-    Shape { name: "foxglove.KeyValuePair", fields: &[("key", Kind::Text), ("value", Kind::Text)] };
-const ARROW: Shape = Shape {
-    name: "foxglove.ArrowPrimitive",
-    fields: &[
+const POSE: ProtoShape =
+    shape("foxglove.Pose", &[("position", VECTOR_PART), ("orientation", Part("foxglove.Quaternion"))]);
+const COLOR: ProtoShape = shape("foxglove.Color", &[("r", F64), ("g", F64), ("b", F64), ("a", F64)]);
+const POINT: ProtoShape = shape("foxglove.Point3", &[("x", F64), ("y", F64), ("z", F64)]);
+const PAIR: ProtoShape = shape("foxglove.KeyValuePair", &[("key", Text), ("value", Text)]);
+const ARROW: ProtoShape = shape(
+    "foxglove.ArrowPrimitive",
+    &[
         ("pose", POSE_PART),
-        ("shaft_length", Kind::F64),
-        ("shaft_diameter", Kind::F64),
-        ("head_length", Kind::F64),
-        ("head_diameter", Kind::F64),
+        ("shaft_length", F64),
+        ("shaft_diameter", F64),
+        ("head_length", F64),
+        ("head_diameter", F64),
         ("color", COLOR_PART),
     ],
-};
-const CUBE: Shape = Shape {
-    name: "foxglove.CubePrimitive",
-    fields: &[("pose", POSE_PART), ("size", VECTOR_PART), ("color", COLOR_PART)],
-};
-const SPHERE: Shape = Shape {
-    name: "foxglove.SpherePrimitive",
-    fields: &[("pose", POSE_PART), ("size", VECTOR_PART), ("color", COLOR_PART)],
-};
-const CYLINDER: Shape = Shape {
-    name: "foxglove.CylinderPrimitive",
-    fields: &[
+);
+const CUBE: ProtoShape =
+    shape("foxglove.CubePrimitive", &[("pose", POSE_PART), ("size", VECTOR_PART), ("color", COLOR_PART)]);
+const SPHERE: ProtoShape =
+    shape("foxglove.SpherePrimitive", &[("pose", POSE_PART), ("size", VECTOR_PART), ("color", COLOR_PART)]);
+const CYLINDER: ProtoShape = shape(
+    "foxglove.CylinderPrimitive",
+    &[
         ("pose", POSE_PART),
         ("size", VECTOR_PART),
-        ("bottom_scale", Kind::F64),
-        ("top_scale", Kind::F64),
+        ("bottom_scale", F64),
+        ("top_scale", F64),
         ("color", COLOR_PART),
     ],
-};
-const LINE: Shape = Shape {
-    name: "foxglove.LinePrimitive",
-    fields: &[
-        ("type", Kind::Choice("Type", &["LINE_STRIP", "LINE_LOOP", "LINE_LIST"])),
+);
+const LINE: ProtoShape = shape(
+    "foxglove.LinePrimitive",
+    &[
+        ("type", Choice("Type", &["LINE_STRIP", "LINE_LOOP", "LINE_LIST"])),
         ("pose", POSE_PART),
-        ("thickness", Kind::F64),
-        ("scale_invariant", Kind::Bool),
-        ("points", Kind::Parts("foxglove.Point3")),
+        ("thickness", F64),
+        ("scale_invariant", Bool),
+        ("points", Parts("foxglove.Point3")),
         ("color", COLOR_PART),
-        ("colors", Kind::Parts("foxglove.Color")),
-        ("indices", Kind::Fixed32s),
+        ("colors", Parts("foxglove.Color")),
+        ("indices", Fixed32s),
     ],
-};
-const TRIANGLES: Shape = Shape {
-    name: "foxglove.TriangleListPrimitive",
-    fields: &[
+);
+const TRIANGLES: ProtoShape = shape(
+    "foxglove.TriangleListPrimitive",
+    &[
         ("pose", POSE_PART),
-        ("points", Kind::Parts("foxglove.Point3")),
+        ("points", Parts("foxglove.Point3")),
         ("color", COLOR_PART),
-        ("colors", Kind::Parts("foxglove.Color")),
-        ("indices", Kind::Fixed32s),
+        ("colors", Parts("foxglove.Color")),
+        ("indices", Fixed32s),
     ],
-};
-const TEXT: Shape = Shape {
-    name: "foxglove.TextPrimitive",
-    fields: &[
+);
+const TEXT: ProtoShape = shape(
+    "foxglove.TextPrimitive",
+    &[
         ("pose", POSE_PART),
-        ("billboard", Kind::Bool),
-        ("font_size", Kind::F64),
-        ("scale_invariant", Kind::Bool),
+        ("billboard", Bool),
+        ("font_size", F64),
+        ("scale_invariant", Bool),
         ("color", COLOR_PART),
-        ("text", Kind::Text),
+        ("text", Text),
     ],
-};
-const MODEL: Shape = Shape {
-    name: "foxglove.ModelPrimitive",
-    fields: &[
+);
+const MODEL: ProtoShape = shape(
+    "foxglove.ModelPrimitive",
+    &[
         ("pose", POSE_PART),
         ("scale", VECTOR_PART),
         ("color", COLOR_PART),
-        ("override_color", Kind::Bool),
-        ("url", Kind::Text),
-        ("media_type", Kind::Text),
-        ("data", Kind::Bytes),
+        ("override_color", Bool),
+        ("url", Text),
+        ("media_type", Text),
+        ("data", Bytes),
     ],
-};
-const ENTITY: Shape = Shape {
-    name: "foxglove.SceneEntity",
-    fields: &[
-        ("timestamp", Kind::Part("google.protobuf.Timestamp")),
-        ("frame_id", Kind::Text),
-        ("id", Kind::Text),
-        ("lifetime", Kind::Part("google.protobuf.Duration")),
-        ("frame_locked", Kind::Bool),
-        ("metadata", Kind::Parts("foxglove.KeyValuePair")),
-        ("arrows", Kind::Parts("foxglove.ArrowPrimitive")),
-        ("cubes", Kind::Parts("foxglove.CubePrimitive")),
-        ("spheres", Kind::Parts("foxglove.SpherePrimitive")),
-        ("cylinders", Kind::Parts("foxglove.CylinderPrimitive")),
-        ("lines", Kind::Parts("foxglove.LinePrimitive")),
-        ("triangles", Kind::Parts("foxglove.TriangleListPrimitive")),
-        ("texts", Kind::Parts("foxglove.TextPrimitive")),
-        ("models", Kind::Parts("foxglove.ModelPrimitive")),
+);
+const ENTITY: ProtoShape = shape(
+    "foxglove.SceneEntity",
+    &[
+        ("timestamp", Part("google.protobuf.Timestamp")),
+        ("frame_id", Text),
+        ("id", Text),
+        ("lifetime", Part("google.protobuf.Duration")),
+        ("frame_locked", Bool),
+        ("metadata", Parts("foxglove.KeyValuePair")),
+        ("arrows", Parts("foxglove.ArrowPrimitive")),
+        ("cubes", Parts("foxglove.CubePrimitive")),
+        ("spheres", Parts("foxglove.SpherePrimitive")),
+        ("cylinders", Parts("foxglove.CylinderPrimitive")),
+        ("lines", Parts("foxglove.LinePrimitive")),
+        ("triangles", Parts("foxglove.TriangleListPrimitive")),
+        ("texts", Parts("foxglove.TextPrimitive")),
+        ("models", Parts("foxglove.ModelPrimitive")),
     ],
-};
-const DELETION: Shape = Shape {
-    name: "foxglove.SceneEntityDeletion",
-    fields: &[
-        ("timestamp", Kind::Part("google.protobuf.Timestamp")),
-        ("type", Kind::Choice("Type", &["MATCHING_ID", "ALL"])),
-        ("id", Kind::Text),
+);
+const DELETION: ProtoShape = shape(
+    "foxglove.SceneEntityDeletion",
+    &[
+        ("timestamp", Part("google.protobuf.Timestamp")),
+        ("type", Choice("Type", &["MATCHING_ID", "ALL"])),
+        ("id", Text),
     ],
-};
+);
 
 const SPAN: ProtoFile =
     ProtoFile { name: "google/protobuf/duration.proto", imports: &[], messages: &[DURATION] };
@@ -193,46 +179,47 @@ pub(crate) struct Solid {
     pub(crate) size: [f64; 3],
 }
 
-/// A `SceneUpdate` in which `entities` take the place of all before, at `time_ns` since 1970.
+/// A `SceneUpdate` in which `entities` replace all before, at `time_ns` since 1970.
 pub(crate) fn update(entities: &[Entity], time_ns: u64) -> Vec<u8> {
     let time = timestamp(time_ns);
-    let all = [Value::Part(&time), Value::Choice(1), Value::Text("")];
+    let all = [ProtoValue::Part(&time), ProtoValue::Choice(1), ProtoValue::Text("")];
     let deletion = encode(&DELETION, &all).unwrap_or_default();
     let entities: Vec<Vec<u8>> = entities.iter().map(|entity| encoded(entity, &time)).collect();
-    encode(&SCENE_UPDATE, &[Value::Parts(&[deletion]), Value::Parts(&entities)]).unwrap_or_default()
+    encode(&SCENE_UPDATE, &[ProtoValue::Parts(&[deletion]), ProtoValue::Parts(&entities)]).unwrap_or_default()
 }
 
 fn encoded(entity: &Entity, time: &[u8]) -> Vec<u8> {
-    let color = encode(&COLOR, &entity.color.map(Value::F64)).unwrap_or_default();
-    let boxes = |shape: &Shape, solids: &[Solid]| -> Vec<Vec<u8>> {
+    let color = encode(&COLOR, &entity.color.map(ProtoValue::F64)).unwrap_or_default();
+    let boxes = |shape: &ProtoShape, solids: &[Solid]| -> Vec<Vec<u8>> {
         let encoded = |one: &Solid| {
             let [pose, size] = one.parts();
-            encode(shape, &[Value::Part(&pose), Value::Part(&size), Value::Part(&color)])
+            encode(shape, &[ProtoValue::Part(&pose), ProtoValue::Part(&size), ProtoValue::Part(&color)])
         };
         solids.iter().filter_map(encoded).collect()
     };
     let cylinder = |one: &Solid| {
-        let ([pose, size], whole) = (one.parts(), Value::F64(1.0));
-        let values = [Value::Part(&pose), Value::Part(&size), whole, whole, Value::Part(&color)];
+        let ([pose, size], whole) = (one.parts(), ProtoValue::F64(1.0));
+        let values =
+            [ProtoValue::Part(&pose), ProtoValue::Part(&size), whole, whole, ProtoValue::Part(&color)];
         encode(&CYLINDER, &values)
     };
     let (cubes, spheres) = (boxes(&CUBE, &entity.cubes), boxes(&SPHERE, &entity.spheres));
     let cylinders: Vec<Vec<u8>> = entity.cylinders.iter().filter_map(cylinder).collect();
     let lines: Vec<Vec<u8>> = entity.lines.iter().filter_map(|points| line(points, &color)).collect();
-    let none = Value::Parts(&[]);
+    let none = ProtoValue::Parts(&[]);
     let values = [
-        Value::Part(time),
-        Value::Text(&entity.frame),
-        Value::Text(&entity.id),
+        ProtoValue::Part(time),
+        ProtoValue::Text(&entity.frame),
+        ProtoValue::Text(&entity.id),
         // It stays for as long as nothing takes its place, and moves with its frame.
-        Value::Part(&[]),
-        Value::Bool(true),
+        ProtoValue::Part(&[]),
+        ProtoValue::Bool(true),
         none,
         none,
-        Value::Parts(&cubes),
-        Value::Parts(&spheres),
-        Value::Parts(&cylinders),
-        Value::Parts(&lines),
+        ProtoValue::Parts(&cubes),
+        ProtoValue::Parts(&spheres),
+        ProtoValue::Parts(&cylinders),
+        ProtoValue::Parts(&lines),
         none,
         none,
         none,
@@ -242,18 +229,19 @@ fn encoded(entity: &Entity, time: &[u8]) -> Vec<u8> {
 
 /// A line through `points`, two millimetres wide.
 fn line(points: &[[f64; 3]], color: &[u8]) -> Option<Vec<u8>> {
-    let points: Vec<Vec<u8>> = points.iter().filter_map(|at| encode(&POINT, &at.map(Value::F64))).collect();
+    let points: Vec<Vec<u8>> =
+        points.iter().filter_map(|at| encode(&POINT, &at.map(ProtoValue::F64))).collect();
     let (none, upright) = (vector(&[0.0; 3]), quaternion(UPRIGHT));
-    let pose = encode(&POSE, &[Value::Part(&none), Value::Part(&upright)])?;
+    let pose = encode(&POSE, &[ProtoValue::Part(&none), ProtoValue::Part(&upright)])?;
     let values = [
-        Value::Choice(0),
-        Value::Part(&pose),
-        Value::F64(0.002),
-        Value::Bool(false),
-        Value::Parts(&points),
-        Value::Part(color),
-        Value::Parts(&[]),
-        Value::Fixed32s(&[]),
+        ProtoValue::Choice(0),
+        ProtoValue::Part(&pose),
+        ProtoValue::F64(0.002),
+        ProtoValue::Bool(false),
+        ProtoValue::Parts(&points),
+        ProtoValue::Part(color),
+        ProtoValue::Parts(&[]),
+        ProtoValue::Fixed32s(&[]),
     ];
     encode(&LINE, &values)
 }
@@ -261,8 +249,8 @@ fn line(points: &[[f64; 3]], color: &[u8]) -> Option<Vec<u8>> {
 impl Solid {
     /// Its `Pose` and its size.
     fn parts(&self) -> [Vec<u8>; 2] {
-        let (place, turn) = (vector(&self.centre), quaternion(self.turn));
-        let pose = encode(&POSE, &[Value::Part(&place), Value::Part(&turn)]);
+        let (position, turn) = (vector(&self.centre), quaternion(self.turn));
+        let pose = encode(&POSE, &[ProtoValue::Part(&position), ProtoValue::Part(&turn)]);
         [pose.unwrap_or_default(), vector(&self.size)]
     }
 }

@@ -68,7 +68,6 @@ fn legal(seconds: f64) -> f64 {
     if seconds.is_nan() { 0.0 } else { seconds.clamp(0.0, MAX_DELAY_S) }
 }
 
-/// Targets in transport.
 #[derive(Debug, Clone)]
 pub(super) struct DelayLine {
     settings: DelaySettings,

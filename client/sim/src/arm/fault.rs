@@ -6,19 +6,17 @@
 use std::f64::consts::TAU;
 use std::str::FromStr;
 
-use super::servo::JointMotion;
+use super::servo::ServoState;
 use super::{JOINTS, Joints};
 
 /// Swings per second of [`FaultKind::Oscillation`], where it begins \[rad\], and its growth \[1/s\].
 const SWING_HZ: f64 = 4.0;
 const SWING_RAD: f64 = 1e-3;
 
-/// What breaks.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum FaultKind {
     /// All joints stop at once.
     Stuck,
-    /// One joint stops.
     Locked(usize),
     /// The report of one joint freezes; it still moves.
     Frozen(usize),
@@ -49,7 +47,6 @@ pub enum FaultKind {
 /// A fault and when it begins.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Fault {
-    /// What breaks.
     pub kind: FaultKind,
     /// When, since the arm began to cycle \[s\].
     pub at_s: f64,
@@ -58,7 +55,7 @@ pub struct Fault {
 /// Text that names no fault.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "{0:?} is no fault; give KIND@SECONDS or KIND@SECONDS:VALUE: stuck, paused; locked, frozen, flipped or \
+    "{0:?} is not a fault; give KIND@SECONDS or KIND@SECONDS:VALUE: stuck, paused; locked, frozen, flipped or \
      wrapped with a joint, 0 to 5 (0); offset [rad, -6.3 to 6.3] (0.2); runaway [rad/s, -3 to 3] (0.5); \
      slow [share, 0 to 1] (0.3); oscillation [growth per second, 0 to 20] (2); ceiling, gain or stiction \
      with JOINT:SIZE, a share of the speed limit or of the way, 0 to 1, or rad, 0 to 0.5"
@@ -138,7 +135,7 @@ impl Broken {
     }
 
     /// Another cycle has passed; joints that stand hold their servo and their loop.
-    pub(super) fn cycle(&mut self, cycle_s: f64, axes: &mut [&mut [JointMotion; JOINTS]; 2]) {
+    pub(super) fn cycle(&mut self, cycle_s: f64, axes: &mut [&mut [ServoState; JOINTS]; 2]) {
         self.since_s += cycle_s;
         for motions in axes {
             for (axis, (motion, from)) in motions.iter_mut().zip(self.motors).enumerate() {
@@ -148,7 +145,7 @@ impl Broken {
                     _ => false,
                 };
                 if stands {
-                    *motion = JointMotion { q: from, qd: 0.0 };
+                    *motion = ServoState { q: from, qd: 0.0 };
                 }
             }
         }
@@ -240,29 +237,29 @@ mod tests {
     fn each_fault_does_what_it_says() {
         let near = |a: f64, b: f64| (a - b).abs() < 5e-3;
         for kind in [FaultKind::Stuck, FaultKind::Locked(0), FaultKind::Paused] {
-            let [said, is, _] = after(kind);
-            assert!(near(said, 0.25) && near(is, 0.25), "{kind:?}: {said} {is}");
+            let [reported, is, _] = after(kind);
+            assert!(near(reported, 0.25) && near(is, 0.25), "{kind:?}: {reported} {is}");
         }
-        let [said, is, target] = after(FaultKind::Frozen(0));
-        assert!(near(said, 0.25) && near(is, target), "{said} {is}");
-        let [said, is, target] = after(FaultKind::Offset(0.2));
-        assert!(near(said, target + 0.2) && near(is, target), "{said} {is}");
-        let [said, is, target] = after(FaultKind::Wrapped(0));
-        assert!(near(said, target + TAU) && near(is, target), "{said} {is}");
-        let [said, is, target] = after(FaultKind::Flipped(0));
-        assert!(near(said, 0.5 - target) && near(is, 0.5 - target), "{said} {is}");
-        let [said, is, _] = after(FaultKind::Runaway(-1.0));
-        assert!(near(said, 0.05) && near(is, 0.05), "{said} {is}");
-        let [said, is, target] = after(FaultKind::Oscillation(0.0));
-        assert!(said == is && (said - target).abs() < 2.0 * SWING_RAD, "{said} {is}");
-        let [said, is, _] = after(FaultKind::Ceiling(0, 0.05));
-        assert!(near(said, is) && near(is, 0.25 + 0.05 * 3.342 * 0.2), "{said} {is}");
-        let [said, is, target] = after(FaultKind::Gain(0, 0.5));
-        assert!(near(said, is) && near(is, 0.25 + 0.5 * (target - 0.25)), "{said} {is}");
-        let [said, is, target] = after(FaultKind::Stiction(0, 0.15));
-        assert!(said == is && target - is < 0.16, "{said} {is}");
+        let [reported, is, target] = after(FaultKind::Frozen(0));
+        assert!(near(reported, 0.25) && near(is, target), "{reported} {is}");
+        let [reported, is, target] = after(FaultKind::Offset(0.2));
+        assert!(near(reported, target + 0.2) && near(is, target), "{reported} {is}");
+        let [reported, is, target] = after(FaultKind::Wrapped(0));
+        assert!(near(reported, target + TAU) && near(is, target), "{reported} {is}");
+        let [reported, is, target] = after(FaultKind::Flipped(0));
+        assert!(near(reported, 0.5 - target) && near(is, 0.5 - target), "{reported} {is}");
+        let [reported, is, _] = after(FaultKind::Runaway(-1.0));
+        assert!(near(reported, 0.05) && near(is, 0.05), "{reported} {is}");
+        let [reported, is, target] = after(FaultKind::Oscillation(0.0));
+        assert!(reported == is && (reported - target).abs() < 2.0 * SWING_RAD, "{reported} {is}");
+        let [reported, is, _] = after(FaultKind::Ceiling(0, 0.05));
+        assert!(near(reported, is) && near(is, 0.25 + 0.05 * 3.342 * 0.2), "{reported} {is}");
+        let [reported, is, target] = after(FaultKind::Gain(0, 0.5));
+        assert!(near(reported, is) && near(is, 0.25 + 0.5 * (target - 0.25)), "{reported} {is}");
+        let [reported, is, target] = after(FaultKind::Stiction(0, 0.15));
+        assert!(reported == is && target - is < 0.16, "{reported} {is}");
         // A third of each way, and the rest skipped: two cycles late.
-        let [said, _, target] = after(FaultKind::Slow(1.0 / 3.0));
-        assert!(target - said > 1e-3 && target - said < 4e-3, "{said} {target}");
+        let [reported, _, target] = after(FaultKind::Slow(1.0 / 3.0));
+        assert!(target - reported > 1e-3 && target - reported < 4e-3, "{reported} {target}");
     }
 }

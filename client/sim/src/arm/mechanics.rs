@@ -17,7 +17,7 @@
 //! - *Encoder step*: reported positions are whole multiples of it. The reported velocity is not
 //!   quantised: a controller has better ones than differences of two steps.
 
-use super::servo::JointMotion;
+use super::servo::ServoState;
 use super::{JOINTS, Joints};
 
 /// A slipping joint that is slower than this sticks \[rad/s\].
@@ -51,7 +51,6 @@ impl Default for Mechanics {
 }
 
 impl Mechanics {
-    /// All off.
     pub const IDEAL: Self = Self {
         stiction_rad: [0.0; JOINTS],
         coulomb_rad: [0.0; JOINTS],
@@ -119,10 +118,10 @@ impl Friction {
     }
 
     /// The joint after a cycle of slipping: at rest where it sticks.
-    pub(super) fn stick(&mut self, joint: JointMotion) -> JointMotion {
+    pub(super) fn stick(&mut self, joint: ServoState) -> ServoState {
         if self.breakaway > 0.0 && joint.qd.abs() < STRIBECK_RADPS {
             self.slips = false;
-            return JointMotion { q: joint.q, qd: 0.0 };
+            return ServoState { q: joint.q, qd: 0.0 };
         }
         joint
     }
@@ -135,7 +134,6 @@ pub(super) struct Transmission {
     /// Where gains begin, and where the backlash has the joints \[rad\].
     origin: [f64; JOINTS],
     pushed: [f64; JOINTS],
-    /// The joints.
     out: Joints,
 }
 
@@ -153,12 +151,12 @@ impl Transmission {
             return None;
         }
         let mut new = Self { mechanics, origin: q, pushed: q, out: Joints::default() };
-        new.pass(&q.map(|q| JointMotion { q, qd: 0.0 }));
+        new.pass(&q.map(|q| ServoState { q, qd: 0.0 }));
         Some(new)
     }
 
     /// The motors have moved.
-    pub(super) fn pass(&mut self, motors: &[JointMotion; JOINTS]) {
+    pub(super) fn pass(&mut self, motors: &[ServoState; JOINTS]) {
         let mut turned = Joints::default();
         for (axis, motor) in motors.iter().enumerate() {
             let gain = self.mechanics.gain[axis];
@@ -179,7 +177,6 @@ impl Transmission {
         self.out = turned;
     }
 
-    /// The joints.
     pub(super) fn joints(&self) -> Joints {
         self.out
     }

@@ -3,8 +3,8 @@
 //! Contract: one call of [`ArmModel::cycle`] is one controller cycle. The target given in one cycle, pure
 //! delay first ([`DelaySettings`]), takes effect in the next (one cycle of delay, reached along a
 //! straight line), passes a second-order servo whose group delay is the look-ahead, critically damped
-//! unless told otherwise, and then a first-order joint loop. Both stages obey the velocity and
-//! acceleration clamps. What follows is ideal unless told otherwise ([`Mechanics`]). Absent: clock,
+//! unless set otherwise, and then a first-order joint loop. Both stages obey the velocity and
+//! acceleration clamps. What follows is ideal unless set otherwise ([`Mechanics`]). Absent: clock,
 //! commands and their age (the consumer of commands keeps that), inertia, elasticity. Source: UR10e,
 //! servoj with look-ahead 0.03 s and gain 1200: about 34 ms between command and motion.
 //!
@@ -27,7 +27,7 @@ pub use mechanics::{Mechanics, STRIBECK_RADPS};
 use delay::DelayLine;
 use fault::Broken;
 use mechanics::{Friction, Transmission};
-use servo::{Clamp, JointMotion, Response, follow, settle};
+use servo::{Clamp, ServoResponse, ServoState, follow, settle};
 
 /// Joints of the simulated arm.
 pub const JOINTS: usize = 6;
@@ -117,12 +117,11 @@ impl ArmSettings {
         self.cycle_s + self.look_ahead_s + self.joint_loop_s + self.delay.at(t_s) + skipped_s
     }
 
-    fn response(&self) -> Response {
+    fn response(&self) -> ServoResponse {
         let damping = if self.damping.is_nan() { 1.0 } else { self.damping.clamp(0.05, 20.0) };
-        Response { look_ahead_s: self.look_ahead_s, damping }
+        ServoResponse { look_ahead_s: self.look_ahead_s, damping }
     }
 
-    /// Speed scaling, legal.
     fn scaling(&self) -> f64 {
         if self.speed_scaling.is_nan() { 1.0 } else { self.speed_scaling.clamp(0.0, 1.0) }
     }
@@ -146,8 +145,8 @@ pub struct ArmModel {
     newest_target: [f64; JOINTS],
     /// Target of the servo in the previous cycle.
     previous_target: [f64; JOINTS],
-    servo: [JointMotion; JOINTS],
-    joint: [JointMotion; JOINTS],
+    servo: [ServoState; JOINTS],
+    joint: [ServoState; JOINTS],
     friction: [Friction; JOINTS],
     /// From the joint loops' motors to the joints, where they are not the same.
     transmission: Option<Transmission>,
@@ -160,7 +159,7 @@ impl ArmModel {
     /// An arm at rest at `q` \[rad\].
     #[must_use]
     pub fn at_rest(settings: ArmSettings, q: [f64; JOINTS]) -> Self {
-        let still = q.map(|q| JointMotion { q, qd: 0.0 });
+        let still = q.map(|q| ServoState { q, qd: 0.0 });
         Self {
             settings,
             delay: DelayLine::new(settings.delay, settings.cycle_s, q),
@@ -211,7 +210,7 @@ impl ArmModel {
             let joint = self.joint[axis];
             self.clamped |= servo != wanted;
             self.joint[axis] = match self.friction[axis].drive(joint.q, before.q, servo.q) {
-                None => JointMotion { q: joint.q, qd: 0.0 },
+                None => ServoState { q: joint.q, qd: 0.0 },
                 Some((from, to)) => {
                     let settled = settle(joint, from, to, self.settings.joint_loop_s, dt);
                     let moved = clamp.apply(joint, settled);
@@ -323,7 +322,8 @@ impl ArmModel {
         self.settings.fault = Some(Fault { kind, at_s });
     }
 
-    /// Without a fault from the next cycle on, at the speed and from the place that its joints really have.
+    /// Without a fault from the next cycle on, at the speed and from the position that its joints
+    /// really have.
     pub fn mend(&mut self) {
         self.settings.fault = None;
         if self.broken.is_none() {
@@ -349,7 +349,7 @@ impl ArmModel {
     }
 
     fn begin_at(&mut self, joints: Joints) {
-        self.joint = std::array::from_fn(|axis| JointMotion { q: joints.q[axis], qd: joints.qd[axis] });
+        self.joint = std::array::from_fn(|axis| ServoState { q: joints.q[axis], qd: joints.qd[axis] });
         self.servo = self.joint;
         if let Some(transmission) = &mut self.transmission {
             transmission.pass(&self.joint);

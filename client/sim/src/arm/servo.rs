@@ -5,19 +5,19 @@
 
 /// Position \[rad\] and velocity \[rad/s\] of one joint.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct JointMotion {
+pub(super) struct ServoState {
     pub(super) q: f64,
     pub(super) qd: f64,
 }
 
 /// Group delay of a servo \[s\] and its damping ratio ζ.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Response {
+pub(super) struct ServoResponse {
     pub(super) look_ahead_s: f64,
     pub(super) damping: f64,
 }
 
-impl Response {
+impl ServoResponse {
     /// The servo's own e and ė, `dt` \[s\] after `e` and `ed` at natural frequency `w`; exact for every ζ.
     fn decay(&self, e: f64, ed: f64, w: f64, dt: f64) -> (f64, f64) {
         let zeta = self.damping;
@@ -46,12 +46,12 @@ impl Response {
 /// bounded by the braking distance, so that a large step adds no overshoot of the acceleration clamp's to
 /// the servo's own.
 pub(super) fn follow(
-    state: JointMotion,
+    state: ServoState,
     from: f64,
     to: f64,
-    response: Response,
+    response: ServoResponse,
     clamp: &Clamp,
-) -> JointMotion {
+) -> ServoState {
     let look_ahead_s = response.look_ahead_s;
     let dt = clamp.dt;
     let slope = (to - from) / dt;
@@ -68,18 +68,18 @@ pub(super) fn follow(
         let most = clamp.brakeable((e.abs() - 0.5 * ed.abs() * dt).max(0.0));
         ed_next = ed_next.clamp(-most, most);
     }
-    JointMotion { q: to - lag + e_next, qd: slope + ed_next }
+    ServoState { q: to - lag + e_next, qd: slope + ed_next }
 }
 
 /// No servo: on the target where the limits let it be, else after it as fast as it can still be braked.
-fn pass(state: JointMotion, from: f64, to: f64, clamp: &Clamp) -> JointMotion {
+fn pass(state: ServoState, from: f64, to: f64, clamp: &Clamp) -> ServoState {
     let dt = clamp.dt;
     let slope = (to - from) / dt;
-    let with = |qd: f64| JointMotion { q: state.q + 0.5 * (state.qd + qd) * dt, qd };
+    let with = |qd: f64| ServoState { q: state.q + 0.5 * (state.qd + qd) * dt, qd };
     // Farther than this off the way between both velocities, no acceleration within the limit gets there in
     // one cycle.
     if !((to - with(slope).q).abs() > 0.25 * clamp.a * dt * dt) {
-        return JointMotion { q: to, qd: slope };
+        return ServoState { q: to, qd: slope };
     }
     let gap = from - state.q;
     // The remainder after this cycle.
@@ -88,14 +88,14 @@ fn pass(state: JointMotion, from: f64, to: f64, clamp: &Clamp) -> JointMotion {
 }
 
 /// First order with time constant `tau` behind an input going straight `from` → `to` within the cycle; exact.
-pub(super) fn settle(state: JointMotion, from: f64, to: f64, tau: f64, dt: f64) -> JointMotion {
+pub(super) fn settle(state: ServoState, from: f64, to: f64, tau: f64, dt: f64) -> ServoState {
     let slope = (to - from) / dt;
     if tau <= 0.0 {
-        return JointMotion { q: to, qd: slope };
+        return ServoState { q: to, qd: slope };
     }
     let lag = tau * slope;
     let e_next = (state.q - (from - lag)) * (-dt / tau).exp();
-    JointMotion { q: to - lag + e_next, qd: slope - e_next / tau }
+    ServoState { q: to - lag + e_next, qd: slope - e_next / tau }
 }
 
 /// The velocity and acceleration clamps of one joint over one cycle.
@@ -108,14 +108,14 @@ pub(super) struct Clamp {
 impl Clamp {
     /// `wanted` if it is within reach of `state`, else the nearest velocity that is, with the position it
     /// leads to.
-    pub(super) fn apply(&self, state: JointMotion, wanted: JointMotion) -> JointMotion {
+    pub(super) fn apply(&self, state: ServoState, wanted: ServoState) -> ServoState {
         let qd =
             wanted.qd.clamp(state.qd - self.a * self.dt, state.qd + self.a * self.dt).clamp(-self.v, self.v);
         let mean = (wanted.q - state.q) / self.dt;
         if qd == wanted.qd && mean.abs() <= self.v {
             wanted
         } else {
-            JointMotion { q: state.q + 0.5 * (state.qd + qd) * self.dt, qd }
+            ServoState { q: state.q + 0.5 * (state.qd + qd) * self.dt, qd }
         }
     }
 

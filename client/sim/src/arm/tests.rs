@@ -261,7 +261,7 @@ fn arm_without_the_new_options_moves_as_it_always_did() {
     assert!((last.qd[0] + 1.722_462_886_106_289_4).abs() < 1e-12, "{:?}", last.qd[0]);
 }
 
-/// Joint 0 is led at 1 rad/s for `cycles` from where `target` is, the scaling asked for anew in each, as a
+/// Joint 0 is led at 1 rad/s for `cycles` from where `target` is, the scaling asked for again in each, as a
 /// controller does.
 fn lead(arm: &mut ArmModel, target: &mut f64, cycles: u32) -> f64 {
     for _ in 0..cycles {

@@ -4,97 +4,28 @@
 //! is 0, 1, false or true. Empty lines and lines starting with `#` are skipped, but for the head of
 //! foretrace's own recordings (`super::PenLog`). Times rise strictly.
 
-use super::csv_lines::{HEADER, Head, read_head, row};
-use super::file::read_limited;
+use super::csv_lines::{CsvHead, HEADER, read_head, row};
+use super::file::{FileError, read_limited};
 use super::{Character, Component, GAP_PERIODS, Quantity, Recording};
 use crate::path::{PathSample, PenPath};
 use std::io::{self, Write};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 const COLUMNS: [&str; 4] = ["t_s", "x_m", "y_m", "contact"];
 pub(super) const RATE_HZ: std::ops::RangeInclusive<f64> = 1e-3..=1e6;
 const TIME_MAX_S: f64 = 1e7;
 pub(super) const POSITION_MAX_M: f64 = 100.0;
 
-/// A CSV path that was refused.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[non_exhaustive]
-pub enum CsvError {
-    /// The file cannot be read as text, or is too large.
-    #[error("{}: {why}", file.display())]
-    Refused {
-        /// The file.
-        file: PathBuf,
-        /// The reason.
-        why: String,
-    },
-    /// The first line is not the header.
-    #[error("{}:{line}: expected the header t_s,x_m,y_m,contact (any order), found \
-             {found:?}", file.display())]
-    Header {
-        /// The file.
-        file: PathBuf,
-        /// Line from 1.
-        line: usize,
-        /// As written.
-        found: String,
-    },
-    /// A line with too few or too many fields.
-    #[error("{}:{line}: expected 4 fields, found {found}", file.display())]
-    Fields {
-        /// The file.
-        file: PathBuf,
-        /// Line from 1.
-        line: usize,
-        /// Fields found.
-        found: usize,
-    },
-    /// A field outside its legal range.
-    #[error("{}:{line}: {field} is {value:?}; legal: {legal}", file.display())]
-    Field {
-        /// The file.
-        file: PathBuf,
-        /// Line from 1.
-        line: usize,
-        /// Which column.
-        field: &'static str,
-        /// As written.
-        value: String,
-        /// What is legal.
-        legal: String,
-    },
-    /// Samples too close together or too far apart for a pen.
-    #[error("{}: the median step in time gives a rate of {rate_hz} Hz; legal: 0.001 to 1000000 (is t_s in \
-             seconds?)", file.display())]
-    Rate {
-        /// The file.
-        file: PathBuf,
-        /// One over the median step \[Hz\].
-        rate_hz: f64,
-    },
-    /// Fewer than two samples.
-    #[error("{}: {samples} samples; a path needs at least 2", file.display())]
-    TooShort {
-        /// The file.
-        file: PathBuf,
-        /// Samples found.
-        samples: usize,
-    },
-}
-
 /// Reads a CSV path as it is: no scaling, no recentring. Its rate is one over the median step.
 ///
 /// # Errors
-/// [`CsvError`] naming line, field, value and legal range.
-pub fn load_csv(path: &Path) -> Result<PenPath, CsvError> {
-    let bytes = read_limited(path)
-        .map_err(|refusal| CsvError::Refused { file: path.to_path_buf(), why: refusal.reason })?;
-    parse_csv(text(&bytes, path)?, path)
+/// [`FileError`] naming line, field, value and legal range.
+pub fn load_csv(path: &Path) -> Result<PenPath, FileError> {
+    parse_csv(text(&read_limited(path)?, path)?, path)
 }
 
-fn text<'b>(bytes: &'b [u8], path: &Path) -> Result<&'b str, CsvError> {
-    let refused = |e| CsvError::Refused { file: path.to_path_buf(), why: format!("not UTF-8 text: {e}") };
-    std::str::from_utf8(bytes).map_err(refused)
+fn text<'b>(bytes: &'b [u8], path: &Path) -> Result<&'b str, FileError> {
+    std::str::from_utf8(bytes).map_err(|e| FileError::whole(path, format!("not UTF-8 text: {e}")))
 }
 
 /// Reads the bytes of a CSV path as a recording: one character without a label, a component per change of
@@ -103,7 +34,7 @@ fn text<'b>(bytes: &'b [u8], path: &Path) -> Result<&'b str, CsvError> {
 /// # Errors
 ///
 /// As [`load_csv`].
-pub(super) fn parse_csv_recording(bytes: &[u8], path: &Path) -> Result<Recording, CsvError> {
+pub(super) fn parse_csv_recording(bytes: &[u8], path: &Path) -> Result<Recording, FileError> {
     let text = text(bytes, path)?;
     let pen = parse_csv(text, path)?;
     let head = head(text, path)?.unwrap_or_default();
@@ -157,41 +88,32 @@ pub fn write_csv(file: &Path, path: &PenPath) -> io::Result<()> {
     crate::whole::write(file, |out| out.write_all(text.as_bytes()))
 }
 
-fn head(text: &str, file: &Path) -> Result<Option<Head>, CsvError> {
-    read_head(text).map_err(|(field, value, legal)| CsvError::Field {
-        file: file.to_path_buf(),
-        line: 1,
-        field,
-        value: value.chars().take(40).collect(),
-        legal: legal.to_owned(),
-    })
+fn head(text: &str, file: &Path) -> Result<Option<CsvHead>, FileError> {
+    read_head(text).map_err(|(field, value, legal)| bad_field(file, 1, field, &value, legal))
 }
 
-fn parse_csv(text: &str, file: &Path) -> Result<PenPath, CsvError> {
+fn bad_field(file: &Path, line: usize, field: &str, value: &str, legal: &str) -> FileError {
+    let value: String = value.chars().take(40).collect();
+    FileError::at(file, line, &format!("{field} is {value:?}; legal: {legal}"))
+}
+
+fn parse_csv(text: &str, file: &Path) -> Result<PenPath, FileError> {
     head(text, file)?;
     let mut lines = content_lines(text);
     let (line, header) = lines.next().unwrap_or((1, ""));
-    let order = column_order(header).ok_or_else(|| CsvError::Header {
-        file: file.to_path_buf(),
-        line,
-        found: header.chars().take(80).collect(),
+    let order = column_order(header).ok_or_else(|| {
+        let found: String = header.chars().take(80).collect();
+        FileError::at(file, line, &format!("expected the header {HEADER} (any order), found {found:?}"))
     })?;
     let mut samples: Vec<PathSample> = Vec::new();
     for (line, text) in lines {
         let cells: Vec<&str> = text.split(',').map(str::trim).collect();
-        let [Some(t), Some(x), Some(y), Some(contact)] = order.map(|i| cells.get(i).copied()) else {
-            return Err(CsvError::Fields { file: file.to_path_buf(), line, found: cells.len() });
+        let fields = order.map(|i| cells.get(i).copied());
+        let ([Some(t), Some(x), Some(y), Some(contact)], true) = (fields, cells.len() == COLUMNS.len())
+        else {
+            return Err(FileError::at(file, line, &format!("expected 4 fields, found {}", cells.len())));
         };
-        if cells.len() != COLUMNS.len() {
-            return Err(CsvError::Fields { file: file.to_path_buf(), line, found: cells.len() });
-        }
-        let bad = |field, value: &str, legal: String| CsvError::Field {
-            file: file.to_path_buf(),
-            line,
-            field,
-            value: value.chars().take(40).collect(),
-            legal,
-        };
+        let bad = |field, value: &str, legal: String| bad_field(file, line, field, value, &legal);
         let earliest = samples.last().map(|s| s.t_s);
         let t_s =
             number(t, TIME_MAX_S).filter(|t| earliest.is_none_or(|e| *t > e)).ok_or_else(
@@ -212,11 +134,15 @@ fn parse_csv(text: &str, file: &Path) -> Result<PenPath, CsvError> {
         samples.push(PathSample { t_s, x_m: position("x_m", x)?, y_m: position("y_m", y)?, contact });
     }
     if samples.len() < 2 {
-        return Err(CsvError::TooShort { file: file.to_path_buf(), samples: samples.len() });
+        return Err(FileError::whole(file, format!("{} samples; a path needs at least 2", samples.len())));
     }
     let path = PenPath::from_samples(samples);
     if !RATE_HZ.contains(&path.rate_hz) {
-        return Err(CsvError::Rate { file: file.to_path_buf(), rate_hz: path.rate_hz });
+        let why = format!(
+            "the median step in time gives a rate of {} Hz; legal: 0.001 to 1000000 (is t_s in seconds?)",
+            path.rate_hz
+        );
+        return Err(FileError::whole(file, why));
     }
     Ok(path)
 }
@@ -241,7 +167,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn parse(text: &str) -> Result<PenPath, CsvError> {
+    fn parse(text: &str) -> Result<PenPath, FileError> {
         parse_csv(text, Path::new("pen.csv"))
     }
 
@@ -263,17 +189,17 @@ mod tests {
             ("1,0,abc,1", "y_m"),
             ("1,0,0,yes", "contact"),
         ] {
-            let error = parse(&format!("{head}{row}\n")).unwrap_err();
-            assert!(matches!(&error, CsvError::Field { line: 3, field: f, .. } if *f == field), "{error}");
-            assert!(error.to_string().starts_with("pen.csv:3: "), "{error}");
+            let error = parse(&format!("{head}{row}\n")).unwrap_err().to_string();
+            assert!(error.starts_with(&format!("pen.csv:3: {field} is ")), "{error}");
         }
         let slow = parse("t_s,x_m,y_m,contact\n0,0,0,1\n5000,0,0,1\n").unwrap_err().to_string();
         assert!(
             slow.starts_with("pen.csv: the median step in time gives a rate of 0.0002 Hz; legal: 0.001 to")
         );
-        assert!(matches!(parse("t,x,y,c\n"), Err(CsvError::Header { line: 1, .. })));
-        assert!(matches!(parse(&format!("{head}1,2,3\n")), Err(CsvError::Fields { line: 3, found: 3, .. })));
-        assert!(matches!(parse(head), Err(CsvError::TooShort { samples: 1, .. })));
+        let refused = |text: &str| parse(text).unwrap_err().to_string();
+        assert!(refused("t,x,y,c\n").starts_with("pen.csv:1: expected the header t_s,x_m,y_m,contact"));
+        assert_eq!(refused(&format!("{head}1,2,3\n")), "pen.csv:3: expected 4 fields, found 3");
+        assert_eq!(refused(head), "pen.csv: 1 samples; a path needs at least 2");
     }
 
     #[test]

@@ -16,7 +16,7 @@ pub(super) fn row(s: &PathSample) -> String {
 
 /// What the first line of a recording says.
 #[derive(Debug, Default, PartialEq)]
-pub(super) struct Head {
+pub(super) struct CsvHead {
     /// `None` in a recording that was not finished.
     pub(super) rate_hz: Option<f64>,
     pub(super) writer: String,
@@ -27,7 +27,7 @@ pub(super) struct Head {
 /// # Errors
 ///
 /// Field, value and what is legal.
-pub(super) fn read_head(text: &str) -> Result<Option<Head>, (&'static str, String, &'static str)> {
+pub(super) fn read_head(text: &str) -> Result<Option<CsvHead>, (&'static str, String, &'static str)> {
     let first = text.trim_start_matches('\u{feff}').lines().next().unwrap_or_default();
     let Some(fields) = first.strip_prefix(MARK) else { return Ok(None) };
     let field = |name: &str| {
@@ -49,7 +49,7 @@ pub(super) fn read_head(text: &str) -> Result<Option<Head>, (&'static str, Strin
         _ => return Err(("rate_hz", rate, "unknown, or a number from 0.001 to 1000000")),
     };
     let writer = Some(field("writer")).filter(|w| w != "-").unwrap_or_default();
-    Ok(Some(Head { rate_hz, writer }))
+    Ok(Some(CsvHead { rate_hz, writer }))
 }
 
 #[cfg(test)]

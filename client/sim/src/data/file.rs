@@ -1,4 +1,4 @@
-//! A file as bytes, and its refusal: shared by the loaders.
+//! A file as bytes, and what is wrong with it: shared by the loaders.
 
 use foretrace_config::files::read_regular;
 use std::fmt;
@@ -8,11 +8,11 @@ const FILE_BYTES_MAX: u64 = 128 << 20;
 /// Longest reason \[characters\].
 const REASON_MAX: usize = 400;
 
-/// What is wrong with a file, and where.
+/// A file that could not be read as a recording: what is wrong, and where.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{}{}: {reason}", file.display(), LineSuffix(*line))]
-pub struct Refusal {
-    /// The file.
+pub struct FileError {
+    /// May be one that the recording includes.
     pub file: PathBuf,
     /// Line from 1; 0 when it concerns the file as a whole.
     pub line: usize,
@@ -20,14 +20,13 @@ pub struct Refusal {
     pub reason: String,
 }
 
-impl Refusal {
-    /// A refusal of `file` as a whole.
-    pub(super) fn whole(file: &Path, reason: impl Into<String>) -> Self {
+impl FileError {
+    pub(crate) fn whole(file: &Path, reason: impl Into<String>) -> Self {
         Self::at(file, 0, &reason.into())
     }
 
-    /// A refusal of a line. The reason may quote the file, and is shortened.
-    pub(super) fn at(file: &Path, line: usize, reason: &str) -> Self {
+    /// The reason may quote the file, and is shortened.
+    pub(crate) fn at(file: &Path, line: usize, reason: &str) -> Self {
         Self { file: file.to_path_buf(), line, reason: super::shortened(reason, REASON_MAX) }
     }
 }
@@ -41,12 +40,12 @@ impl fmt::Display for LineSuffix {
     }
 }
 
-pub(super) fn unreadable(path: &Path, why: impl fmt::Display) -> Refusal {
-    Refusal::whole(path, format!("cannot read the file: {why}"))
+pub(super) fn unreadable(path: &Path, why: impl fmt::Display) -> FileError {
+    FileError::whole(path, format!("cannot read the file: {why}"))
 }
 
 /// Opens a regular file: a pipe or device could keep a reader for ever.
-pub(super) fn open(path: &Path) -> Result<std::fs::File, Refusal> {
+pub(super) fn open(path: &Path) -> Result<std::fs::File, FileError> {
     if !std::fs::metadata(path).map_err(|e| unreadable(path, e))?.is_file() {
         return Err(unreadable(path, "not a regular file"));
     }
@@ -54,6 +53,6 @@ pub(super) fn open(path: &Path) -> Result<std::fs::File, Refusal> {
 }
 
 /// The whole of a regular file that is not too large.
-pub(super) fn read_limited(path: &Path) -> Result<Vec<u8>, Refusal> {
+pub(super) fn read_limited(path: &Path) -> Result<Vec<u8>, FileError> {
     read_regular(path, FILE_BYTES_MAX).map_err(|e| unreadable(path, e))
 }

@@ -1,12 +1,12 @@
 //! The formats of recordings: recognised by contents, loaded into one form.
 
+use super::Recording;
 use super::csv::{begins_csv, parse_csv_recording};
-use super::file::{Refusal, open, read_limited, unreadable};
-use super::inkml::{begins_inkml, parse_inkml};
-use super::mat::{begins_mat, parse_mat};
+use super::file::{FileError, open, read_limited, unreadable};
 use super::mcap_pen::{begins_mcap, load_mcap, read_mcap};
-use super::unipen::parse_unipen;
-use super::{CsvError, Recording, UnipenError};
+#[cfg(feature = "formats")]
+use crate::formats::{parse_inkml, parse_mat, parse_unipen};
+use std::borrow::Cow;
 use std::fmt;
 use std::io::Read as _;
 use std::path::Path;
@@ -42,21 +42,6 @@ impl fmt::Display for Format {
     }
 }
 
-/// A file that could not be read as a recording.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[non_exhaustive]
-pub enum FileError {
-    /// As UNIPEN.
-    #[error(transparent)]
-    Unipen(#[from] UnipenError),
-    /// As CSV.
-    #[error(transparent)]
-    Csv(#[from] CsvError),
-    /// As any other format, or as none.
-    #[error(transparent)]
-    Refused(#[from] Refusal),
-}
-
 /// Loads a recording of any known format; contents decide which, names only where contents do not tell.
 ///
 /// # Errors
@@ -79,13 +64,12 @@ pub fn parse_recording(bytes: &[u8], path: &Path) -> Result<Recording, FileError
         Some(format) => format.parse(bytes, path),
         None => {
             let why = format!("not a recording in a known format; legal: {}", Format::ALL_NAMES);
-            Err(Refusal::whole(path, why).into())
+            Err(FileError::whole(path, why))
         }
     }
 }
 
 impl Format {
-    /// For messages.
     pub(super) const ALL_NAMES: &str = "UNIPEN text, InkML, MATLAB v5 (UCI Character Trajectories), CSV with \
                                         the columns t_s,x_m,y_m,contact, or MCAP of foretrace record";
 
@@ -107,24 +91,35 @@ impl Format {
     pub(super) fn load(self, path: &Path) -> Result<Recording, FileError> {
         match self {
             // Far larger than its pen.
-            Self::Mcap => Ok(load_mcap(path)?),
+            Self::Mcap => load_mcap(path),
             _ => self.parse(&read_limited(path)?, path),
         }
     }
 
     fn parse(self, bytes: &[u8], path: &Path) -> Result<Recording, FileError> {
         match self {
-            Self::Unipen => Ok(parse_unipen(bytes, path)?),
-            Self::Mat => Ok(parse_mat(bytes, path)?),
-            Self::InkMl => Ok(parse_inkml(bytes, path)?),
-            Self::Csv => Ok(parse_csv_recording(bytes, path)?),
-            Self::Mcap => Ok(read_mcap(bytes, path)?),
+            #[cfg(feature = "formats")]
+            Self::Unipen => parse_unipen(bytes, path),
+            #[cfg(feature = "formats")]
+            Self::Mat => parse_mat(bytes, path),
+            #[cfg(feature = "formats")]
+            Self::InkMl => parse_inkml(bytes, path),
+            #[cfg(not(feature = "formats"))]
+            Self::Unipen | Self::Mat | Self::InkMl => Err(FileError::whole(
+                path,
+                format!(
+                    "the reader of {self} is left out of this build; build foretrace with its feature \
+                     `formats` (or `lab`, which includes it)"
+                ),
+            )),
+            Self::Csv => parse_csv_recording(bytes, path),
+            Self::Mcap => read_mcap(bytes, path),
         }
     }
 
-    /// The format by a file's first bytes; `None` when it is no recording. Errors where the file cannot be
+    /// The format by a file's first bytes; `None` when it is not a recording. Errors where the file cannot be
     /// read.
-    pub(super) fn of_file(path: &Path) -> Result<Option<Self>, Refusal> {
+    pub(super) fn of_file(path: &Path) -> Result<Option<Self>, FileError> {
         let file = open(path)?;
         let mut head = Vec::new();
         file.take(SNIFFED_BYTES as u64).read_to_end(&mut head).map_err(|e| unreadable(path, e))?;
@@ -162,6 +157,61 @@ impl Format {
             "csv" => Some(Self::Csv),
             "mcap" => Some(Self::Mcap),
             _ => None,
+        }
+    }
+}
+
+/// Whether a file begins as MATLAB's do, readable version or not.
+fn begins_mat(head: &[u8]) -> bool {
+    /// Bytes before the first variable.
+    const HEADER_BYTES: usize = 128;
+    head.starts_with(b"MATLAB ") && head.len() >= HEADER_BYTES
+}
+
+/// Whether a file begins as an InkML document.
+fn begins_inkml(head: &[u8]) -> bool {
+    let text = decoded(head);
+    let text = text.trim_start_matches('\u{feff}').trim_start();
+    let is_root = |(at, _): (usize, &str)| {
+        let rest = text.get(at + 1..).unwrap_or_default();
+        let name = rest.split(|c: char| c.is_whitespace() || c == '>' || c == '/').next().unwrap_or_default();
+        name == "ink" || name.ends_with(":ink")
+    };
+    text.starts_with('<') && text.match_indices('<').any(is_root)
+}
+
+/// UTF-16 by its mark, UTF-8 where it is that, else Latin-1.
+pub(crate) fn decoded(bytes: &[u8]) -> Cow<'_, str> {
+    let wide = |from: fn([u8; 2]) -> u16| {
+        let units = bytes.as_chunks::<2>().0.iter().map(|pair| from(*pair));
+        let text = char::decode_utf16(units).map(|c| c.unwrap_or(char::REPLACEMENT_CHARACTER));
+        Cow::Owned(text.collect::<String>())
+    };
+    match bytes {
+        [0xff, 0xfe, ..] => wide(u16::from_le_bytes),
+        [0xfe, 0xff, ..] => wide(u16::from_be_bytes),
+        _ => match std::str::from_utf8(bytes) {
+            Ok(text) => Cow::Borrowed(text),
+            Err(_) => Cow::Owned(bytes.iter().copied().map(char::from).collect()),
+        },
+    }
+}
+
+#[cfg(all(test, not(feature = "formats")))]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_format_that_is_left_out_is_named_with_what_brings_it() {
+        let mat = [b"MATLAB 5.0 MAT-file".as_slice(), &[b' '; 128]].concat();
+        for (bytes, name) in [
+            (b"<ink><trace>1 2,3 4</trace></ink>".as_slice(), "InkML"),
+            (b".COORD X Y\n.PEN_DOWN\n1 2\n", "UNIPEN"),
+            (&mat, "MATLAB v5"),
+        ] {
+            let error = parse_recording(bytes, Path::new("a.ink")).unwrap_err().to_string();
+            assert!(error.starts_with(&format!("a.ink: the reader of {name} is left out")), "{error}");
+            assert!(error.contains("`formats`"), "{error}");
         }
     }
 }

@@ -5,7 +5,7 @@
 
 use super::Recording;
 use super::csv::{POSITION_MAX_M, RATE_HZ, recording_of};
-use super::file::{Refusal, open, unreadable};
+use super::file::{FileError, open, unreadable};
 use super::mcap_record::parse_mcap_record;
 use crate::path::{PathSample, PenPath};
 use mcap::records::{Record, op};
@@ -20,9 +20,9 @@ const ENCODING: &str = "foretrace.wire";
 const HEAD: usize = 1 + size_of::<u64>();
 /// Bytes of a record at most: far more than a recorder writes.
 const RECORD_BYTES_MAX: usize = 8 << 20;
-/// Schemas and channels of ours at most, and places for samples in a message.
+/// Schemas and channels of ours at most, and slots for samples in a message.
 const CHANNELS_MAX: usize = 256;
-const PLACES_MAX: usize = 64;
+const SLOTS_MAX: usize = 64;
 /// Samples at most: those of five hours at 200 Hz, 128 MB.
 const SAMPLES_MAX: usize = 4 << 20;
 
@@ -44,8 +44,8 @@ pub struct PenSeen {
 pub struct PenTable {
     part: usize,
     pen_samples: usize,
-    /// Stamp, x, y, contact of each place for a sample.
-    places: Vec<[usize; 4]>,
+    /// Stamp, x, y, contact of each slot for a sample.
+    slots: Vec<[usize; 4]>,
 }
 
 impl PenTable {
@@ -62,23 +62,23 @@ impl PenTable {
                 fields.insert(name, (offset.parse::<usize>().ok()?, kind));
             }
         }
-        let place = |name: &str, kind: &str| {
+        let offset_of = |name: &str, kind: &str| {
             fields.get(name).filter(|(_, found)| *found == kind).map(|(offset, _)| *offset)
         };
-        let (part, pen_samples) = (place("part", "u32")?, place("pen_samples", "u32")?);
+        let (part, pen_samples) = (offset_of("part", "u32")?, offset_of("pen_samples", "u32")?);
         let of_sample = |index: usize| {
-            let of = |field: &str, kind| place(&format!("pen[{index}].{field}"), kind);
+            let of = |field: &str, kind| offset_of(&format!("pen[{index}].{field}"), kind);
             Some([of("stamp_ns", "u64")?, of("x_m", "f64")?, of("y_m", "f64")?, of("contact", "u32")?])
         };
-        let places: Vec<_> = (0..PLACES_MAX).map_while(of_sample).collect();
-        (!places.is_empty()).then_some(Self { part, pen_samples, places })
+        let slots: Vec<_> = (0..SLOTS_MAX).map_while(of_sample).collect();
+        (!slots.is_empty()).then_some(Self { part, pen_samples, slots })
     }
 
     /// The samples of `message`, oldest first; `None` if it is too short for its table.
     pub fn samples(&self, message: &[u8], mut use_sample: impl FnMut(PenSeen)) -> Option<()> {
-        let before = (whole(message, self.part)? as usize).saturating_mul(self.places.len());
+        let before = (whole(message, self.part)? as usize).saturating_mul(self.slots.len());
         let here = (whole(message, self.pen_samples)? as usize).saturating_sub(before);
-        for [stamp, x, y, contact] in self.places.iter().take(here) {
+        for [stamp, x, y, contact] in self.slots.iter().take(here) {
             use_sample(PenSeen {
                 stamp_ns: u64::from_le_bytes(bytes(message, *stamp)?),
                 x_m: f64::from_le_bytes(bytes(message, *x)?),
@@ -104,13 +104,13 @@ pub(super) fn begins_mcap(head: &[u8]) -> bool {
 }
 
 /// Loads a recording: one character without a label, a component per change of contact and per gap.
-pub(super) fn load_mcap(path: &Path) -> Result<Recording, Refusal> {
+pub(super) fn load_mcap(path: &Path) -> Result<Recording, FileError> {
     read_mcap(BufReader::new(open(path)?), path)
 }
 
 /// The same from its bytes.
-pub(super) fn read_mcap(from: impl Read, path: &Path) -> Result<Recording, Refusal> {
-    let refused = |why: String| Refusal::whole(path, why);
+pub(super) fn read_mcap(from: impl Read, path: &Path) -> Result<Recording, FileError> {
+    let refused = |why: String| FileError::whole(path, why);
     let samples = samples(from, path)?;
     if samples.len() < 2 {
         return Err(refused(format!(
@@ -128,24 +128,24 @@ pub(super) fn read_mcap(from: impl Read, path: &Path) -> Result<Recording, Refus
     Ok(recording_of(&pen, pen.rate_hz, String::new(), path))
 }
 
-/// All samples with a place, times rising from 0.
-fn samples(from: impl Read, path: &Path) -> Result<Vec<PathSample>, Refusal> {
+/// All samples with a slot, times rising from 0.
+fn samples(from: impl Read, path: &Path) -> Result<Vec<PathSample>, FileError> {
     let mut pen =
         Pen { path, tables: BTreeMap::new(), channels: BTreeMap::new(), samples: Vec::new(), from_ns: None };
     each_record(from, path, |kind, body| pen.take(kind, body))?;
     Ok(pen.samples)
 }
 
-fn damaged(path: &Path, why: impl std::fmt::Display) -> Refusal {
-    Refusal::whole(path, format!("{why}; mend it with `foretrace record --repair`"))
+fn damaged(path: &Path, why: impl std::fmt::Display) -> FileError {
+    FileError::whole(path, format!("{why}; mend it with `foretrace record --repair`"))
 }
 
 /// Calls `use_record` with kind and body of every record of a whole file, those of chunks one by one.
 fn each_record(
     mut from: impl Read,
     path: &Path,
-    mut use_record: impl FnMut(u8, &[u8]) -> Result<(), Refusal>,
-) -> Result<(), Refusal> {
+    mut use_record: impl FnMut(u8, &[u8]) -> Result<(), FileError>,
+) -> Result<(), FileError> {
     let mut read = |bytes: &mut [u8]| {
         from.read_exact(bytes).map_err(|error| match error.kind() {
             ErrorKind::UnexpectedEof => damaged(path, "it ends early"),
@@ -222,7 +222,7 @@ struct Pen<'a> {
 }
 
 impl Pen<'_> {
-    fn take(&mut self, kind: u8, body: &[u8]) -> Result<(), Refusal> {
+    fn take(&mut self, kind: u8, body: &[u8]) -> Result<(), FileError> {
         if !matches!(kind, op::SCHEMA | op::CHANNEL | op::MESSAGE) {
             return Ok(());
         }
@@ -238,7 +238,7 @@ impl Pen<'_> {
             }
             Record::Channel(channel) if channel.topic == TOPIC => {
                 let table = self.tables.get(&channel.schema_id).cloned().flatten().ok_or_else(|| {
-                    Refusal::whole(self.path, format!("{TOPIC} does not tell where its pen samples are"))
+                    FileError::whole(self.path, format!("{TOPIC} does not tell where its pen samples are"))
                 })?;
                 self.channels.insert(channel.id, table);
             }
@@ -258,7 +258,7 @@ impl Pen<'_> {
                 done.ok_or_else(|| damaged(self.path, format!("a message of {TOPIC} is too short")))?;
                 if self.samples.len() > SAMPLES_MAX {
                     let why = format!("more than {SAMPLES_MAX} pen samples, which is the most that is read");
-                    return Err(Refusal::whole(self.path, why));
+                    return Err(FileError::whole(self.path, why));
                 }
             }
             _ => {}

@@ -10,8 +10,7 @@ use mcap::records::{Record, op};
 const ENTRIES_MAX: usize = 4096;
 
 /// A part of a record's body.
-enum Part {
-    /// So many bytes.
+enum BodyPart {
     Fixed(usize),
     /// A text behind its length.
     Text(&'static str),
@@ -26,8 +25,8 @@ enum Part {
 }
 
 /// Name and parts of a kind of record; further bytes may follow. `None`: the parser does not look into it.
-fn parts(kind: u8) -> Option<(&'static str, &'static [Part])> {
-    use Part::{Bytes, Fixed, List, LongBytes, Map, Text};
+fn parts(kind: u8) -> Option<(&'static str, &'static [BodyPart])> {
+    use BodyPart::{Bytes, Fixed, List, LongBytes, Map, Text};
     Some(match kind {
         op::HEADER => ("header", &[Text("profile"), Text("library")]),
         op::FOOTER => ("footer", &[Fixed(20)]),
@@ -55,29 +54,32 @@ fn parts(kind: u8) -> Option<(&'static str, &'static [Part])> {
 /// The record of this kind and body.
 ///
 /// # Errors
-/// What is wrong with it, in a sentence: a length beyond its end, too many entries, a text that is no UTF-8.
+/// What is wrong with it, in a sentence: a length beyond its end, too many entries, a text that is not UTF-8.
 pub fn parse_mcap_record(kind: u8, body: &[u8]) -> Result<Record<'_>, String> {
     check(kind, body)?;
     mcap::parse_record(kind, body).map_err(|error| error.to_string())
 }
 
-/// Checks all lengths.
 fn check(kind: u8, body: &[u8]) -> Result<(), String> {
     let Some((record, parts)) = parts(kind) else { return Ok(()) };
     let mut rest = body;
     for part in parts {
-        let told = |(what, claimed, left): Wrong| {
+        let overlong = |(what, claimed, left): WrongLength| {
             format!("a {record} whose {what} would have {claimed} bytes, and {left} are left")
         };
         match *part {
-            Part::Fixed(bytes) => {
+            BodyPart::Fixed(bytes) => {
                 let short = || format!("a {record} of {} bytes, which is too short", body.len());
                 rest = rest.get(bytes..).ok_or_else(short)?;
             }
-            Part::Text(what) | Part::Bytes(what) => drop(sized::<4>(&mut rest, what).map_err(told)?),
-            Part::LongBytes(what) => drop(sized::<8>(&mut rest, what).map_err(told)?),
-            Part::List(what, entry) => {
-                let list = sized::<4>(&mut rest, what).map_err(told)?;
+            BodyPart::Text(what) | BodyPart::Bytes(what) => {
+                sized::<4>(&mut rest, what).map_err(overlong)?;
+            }
+            BodyPart::LongBytes(what) => {
+                sized::<8>(&mut rest, what).map_err(overlong)?;
+            }
+            BodyPart::List(what, entry) => {
+                let list = sized::<4>(&mut rest, what).map_err(overlong)?;
                 if !list.len().is_multiple_of(entry) {
                     return Err(format!(
                         "a {record} whose {what} have {} bytes, not {entry} each",
@@ -85,11 +87,11 @@ fn check(kind: u8, body: &[u8]) -> Result<(), String> {
                     ));
                 }
             }
-            Part::Map(what) => {
-                let (mut map, mut entries) = (sized::<4>(&mut rest, what).map_err(told)?, 0);
+            BodyPart::Map(what) => {
+                let (mut map, mut entries) = (sized::<4>(&mut rest, what).map_err(overlong)?, 0);
                 while !map.is_empty() {
                     for what in ["key", "value"] {
-                        sized::<4>(&mut map, what).map_err(told)?;
+                        sized::<4>(&mut map, what).map_err(overlong)?;
                     }
                     entries += 1;
                     if entries > ENTRIES_MAX {
@@ -103,10 +105,10 @@ fn check(kind: u8, body: &[u8]) -> Result<(), String> {
 }
 
 /// What is too long, how many bytes it claims, how many there are.
-type Wrong = (&'static str, u64, usize);
+type WrongLength = (&'static str, u64, usize);
 
 /// Takes a part behind its length, of `N` bytes, off the front of `rest`.
-fn sized<'a, const N: usize>(rest: &mut &'a [u8], what: &'static str) -> Result<&'a [u8], Wrong> {
+fn sized<'a, const N: usize>(rest: &mut &'a [u8], what: &'static str) -> Result<&'a [u8], WrongLength> {
     let (length, after) = rest.split_first_chunk::<N>().ok_or((what, N as u64, rest.len()))?;
     let length = length.iter().rev().fold(0_u64, |number, byte| number << 8 | u64::from(*byte));
     let split = usize::try_from(length).ok().and_then(|length| after.split_at_checked(length));
@@ -120,15 +122,15 @@ mod tests {
     use super::*;
 
     /// A body of every kind: all fixed bytes zero, texts and lists with content.
-    fn whole(parts: &[Part]) -> Vec<u8> {
+    fn whole(parts: &[BodyPart]) -> Vec<u8> {
         let mut body = Vec::new();
         for part in parts {
             match *part {
-                Part::Fixed(bytes) => body.extend(vec![0; bytes]),
-                Part::Text(_) | Part::Bytes(_) => body.extend([3, 0, 0, 0, b'a', b'b', b'c']),
-                Part::LongBytes(_) => body.extend([2, 0, 0, 0, 0, 0, 0, 0, 8, 9]),
-                Part::Map(_) => body.extend([10, 0, 0, 0, 1, 0, 0, 0, b'k', 1, 0, 0, 0, b'v']),
-                Part::List(_, entry) => {
+                BodyPart::Fixed(bytes) => body.extend(vec![0; bytes]),
+                BodyPart::Text(_) | BodyPart::Bytes(_) => body.extend([3, 0, 0, 0, b'a', b'b', b'c']),
+                BodyPart::LongBytes(_) => body.extend([2, 0, 0, 0, 0, 0, 0, 0, 8, 9]),
+                BodyPart::Map(_) => body.extend([10, 0, 0, 0, 1, 0, 0, 0, b'k', 1, 0, 0, 0, b'v']),
+                BodyPart::List(_, entry) => {
                     body.extend((2 * entry as u32).to_le_bytes());
                     body.extend((0..2 * entry).map(|byte| (byte / entry) as u8));
                 }
@@ -167,8 +169,8 @@ mod tests {
                 let end = (at + 4).min(forged.len());
                 forged[at..end].fill(0xef);
                 // Whatever is made of it, no more memory than its own bytes.
-                if let Err(told) = parse_mcap_record(kind, &forged) {
-                    assert!(told.len() < 300, "{record}: {told}");
+                if let Err(message) = parse_mcap_record(kind, &forged) {
+                    assert!(message.len() < 300, "{record}: {message}");
                 }
             }
         }
@@ -176,8 +178,8 @@ mod tests {
         let mut channel = vec![0; 4];
         channel.extend(0xefff_ffff_u32.to_le_bytes());
         channel.extend(*b"abc");
-        let told = parse_mcap_record(op::CHANNEL, &channel).unwrap_err();
-        assert_eq!(told, "a channel whose topic would have 4026531839 bytes, and 3 are left");
+        let message = parse_mcap_record(op::CHANNEL, &channel).unwrap_err();
+        assert_eq!(message, "a channel whose topic would have 4026531839 bytes, and 3 are left");
         let many: Vec<u8> = (0..5000_u32)
             .flat_map(|key| [&4_u32.to_le_bytes()[..], &key.to_le_bytes(), &0_u32.to_le_bytes()].concat())
             .collect();

@@ -2,31 +2,29 @@
 //!
 //! Contract: points are positions in the device's own units, y upwards, in the order of writing, repeats
 //! included and finite; every error of a file is reported with file, line and reason. [`crate::path`] scales
-//! into the writing plane. Each module uses only those before it: files and lines, one loader per format, the
-//! formats, sets.
+//! into the writing plane. Each module uses only those before it: files and lines, one loader per format of
+//! foretrace's own, the formats, sets.
 
 mod file;
 mod csv_lines;
-pub mod unipen;
-pub mod csv;
+mod csv;
 mod pen_log;
-mod mat;
-mod inkml;
 mod mcap_record;
 mod mcap_pen;
 mod format;
 mod split;
 mod set;
 
-pub use csv::{CsvError, load_csv, write_csv};
-pub use file::Refusal;
-pub use format::{FileError, Format, load_recording, parse_recording};
+pub use csv::{load_csv, write_csv};
+pub use file::FileError;
+#[cfg(feature = "formats")]
+pub(crate) use format::decoded;
+pub use format::{Format, load_recording, parse_recording};
 pub use mcap_pen::{PenSeen, PenTable};
 pub use mcap_record::parse_mcap_record;
 pub use pen_log::{PenLog, PenLogSummary};
 pub use set::{DataSet, SetError, SetFile};
 pub use split::Split;
-pub use unipen::{UnipenError, load_unipen};
 
 use std::path::PathBuf;
 
@@ -38,7 +36,7 @@ pub fn shortened(text: &str, most: usize) -> String {
 }
 
 /// A step in time of more periods than this is a gap, in formats whose samples carry stamps.
-const GAP_PERIODS: f64 = 4.0;
+pub(crate) const GAP_PERIODS: f64 = 4.0;
 
 /// One file of ink: its characters in file order.
 #[derive(Debug, Clone, PartialEq)]
@@ -60,14 +58,12 @@ pub struct Recording {
 /// What a file holds per sample. Points are positions in either case.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Quantity {
-    /// Positions, as measured.
     Position,
     /// Velocities, summed up here from (0, 0) with unit time step: differences of neighbouring points are the
     /// published numbers (to rounding), so T velocities make T + 1 points.
     Velocity,
 }
 
-/// One labelled character.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Character {
     /// What was written; may be longer than one `char`; empty where the file has no label.
@@ -100,11 +96,6 @@ impl Component {
 }
 
 impl Character {
-    /// The points of all strokes (pen down) in order, dummies included, as the prediction tables count them.
-    pub fn pen_down_points(&self) -> impl Iterator<Item = [f64; 2]> + '_ {
-        self.components.iter().filter(|c| c.contact).flat_map(|c| c.points.iter().copied())
-    }
-
     /// Lower left and upper right corner of the ink (dummies left out), or `None` without ink.
     #[must_use]
     pub fn ink_bounds(&self) -> Option<[[f64; 2]; 2]> {

@@ -38,10 +38,8 @@ pub struct PenLog {
     samples: u64,
 }
 
-/// A finished recording.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PenLogSummary {
-    /// Samples in it.
     pub samples: u64,
     /// One over the median step \[Hz\]; `None` with fewer than two samples, which make no recording.
     pub rate_hz: Option<f64>,
@@ -180,8 +178,8 @@ impl PenLog {
 fn set_aside(target: &Path) -> PathBuf {
     let stem = target.file_stem().unwrap_or_default().to_string_lossy();
     let extension = target.extension().map_or_else(String::new, |e| format!(".{}", e.to_string_lossy()));
-    let place = |number: u32| target.with_file_name(format!("{stem}.interrupted-{number}{extension}"));
-    (1..).map(place).find(|place| place.symlink_metadata().is_err()).unwrap_or_else(|| place(0))
+    let aside = |number: u32| target.with_file_name(format!("{stem}.interrupted-{number}{extension}"));
+    (1..).map(aside).find(|file| file.symlink_metadata().is_err()).unwrap_or_else(|| aside(0))
 }
 
 fn exists(path: &Path, remedy: &str) -> io::Error {

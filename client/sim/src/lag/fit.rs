@@ -7,7 +7,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::Sample;
-use super::response::Path;
+use super::response::CommandGrid;
 
 /// Range of lags \[s\]; wrong stamps can make the arm seem early.
 pub(super) const SHIFTS_S: (f64, f64) = (-0.05, 0.4);
@@ -24,15 +24,14 @@ const STEP_S: f64 = 0.25e-3;
 /// Commands and the joint states to be explained.
 #[derive(Debug)]
 pub(super) struct LagProblem<'a> {
-    pub(super) path: Path,
+    pub(super) path: CommandGrid,
     pub(super) states: &'a [Sample],
-    /// Joints that move.
     pub(super) joints: &'a [usize],
 }
 
 /// \[delay, filter, joint loop\] in seconds, and the root of the mean squared residual \[rad\].
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Fit {
+pub(super) struct ServoFit {
     pub(super) p: [f64; 3],
     pub(super) rms: f64,
 }
@@ -46,28 +45,29 @@ impl LagProblem<'_> {
     }
 
     /// The best pure delay.
-    pub(super) fn shift(&self, curve: &[(f64, f64)]) -> Fit {
+    pub(super) fn shift(&self, curve: &[(f64, f64)]) -> ServoFit {
         let best = curve.iter().min_by(|a, b| a.1.total_cmp(&b.1)).map_or(0.0, |best| best.0);
         self.refined([best, 0.0, 0.0], &[0])
     }
 
     /// The best delay and filter, from a good pure delay.
-    pub(super) fn filter(&self, shift_s: f64) -> Fit {
+    pub(super) fn filter(&self, shift_s: f64) -> ServoFit {
         let fits = FILTER_STARTS_S.iter().map(|filter_s| {
             let delay_s = (shift_s - filter_s).max(BOUNDS_S[0].0);
             self.refined([delay_s, *filter_s, 0.0], &[0, 1])
         });
-        fits.min_by(|a, b| a.rms.total_cmp(&b.rms)).unwrap_or(Fit { p: [shift_s, 0.0, 0.0], rms: f64::MAX })
+        fits.min_by(|a, b| a.rms.total_cmp(&b.rms))
+            .unwrap_or(ServoFit { p: [shift_s, 0.0, 0.0], rms: f64::MAX })
     }
 
     /// The best of all three, from the best of two.
-    pub(super) fn joint_loop(&self, filter: Fit) -> Fit {
+    pub(super) fn joint_loop(&self, filter: ServoFit) -> ServoFit {
         let [delay_s, filter_s, _] = filter.p;
         self.refined([(delay_s - STEP_S).max(BOUNDS_S[0].0), filter_s, STEP_S], &[0, 1, 2])
     }
 
     /// Improves the parameters in `free`; the others stay.
-    pub(super) fn refined(&self, start: [f64; 3], free: &[usize]) -> Fit {
+    pub(super) fn refined(&self, start: [f64; 3], free: &[usize]) -> ServoFit {
         let mut at = start;
         let mut damping = 1e-3;
         let mut residuals = self.at(at);
@@ -102,15 +102,15 @@ impl LagProblem<'_> {
                 break;
             }
         }
-        Fit { p: at, rms: rms(&residuals) }
+        ServoFit { p: at, rms: rms(&residuals) }
     }
 
     /// Measured minus modelled \[rad\], joint by joint, without each joint's mean.
-    pub(super) fn residuals(&self, path: &Path, delay_s: f64) -> DVector<f64> {
+    pub(super) fn residuals(&self, path: &CommandGrid, delay_s: f64) -> DVector<f64> {
         let count = self.states.len();
         let mut out = DVector::zeros(count * self.joints.len());
-        for (place, joint) in self.joints.iter().enumerate() {
-            let mut rows = out.rows_mut(place * count, count);
+        for (block, joint) in self.joints.iter().enumerate() {
+            let mut rows = out.rows_mut(block * count, count);
             for (row, state) in rows.iter_mut().zip(self.states) {
                 *row = state.q[*joint] - path.at(*joint, state.t_s - delay_s);
             }

@@ -16,8 +16,8 @@ mod response;
 mod fit;
 
 use crate::arm::JOINTS;
-use fit::{Fit, LagProblem, SHIFTS_S};
-use response::Path;
+use fit::{LagProblem, SHIFTS_S, ServoFit};
+use response::CommandGrid;
 
 /// Joints that were commanded or measured at an instant.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -63,7 +63,6 @@ impl Servo {
 pub struct Spread {
     /// One figure per block, in order of time.
     pub blocks_s: Vec<f64>,
-    /// Their median.
     pub median_s: f64,
     /// Upper minus lower quartile.
     pub interquartile_s: f64,
@@ -72,22 +71,20 @@ pub struct Spread {
 /// The model that the figures support.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Verdict {
+pub enum LagModel {
     /// The arm repeats its commands later; a filter explains hardly more.
     PureDelay,
     /// The arm filters its commands.
     Servo,
 }
 
-/// The result.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Identified {
     /// Model 1.
     pub shift: Shift,
     /// Model 2.
     pub servo: Servo,
-    /// The chosen model.
-    pub verdict: Verdict,
+    pub verdict: LagModel,
     /// Model 1, block by block.
     pub shift_spread: Spread,
     /// The lag of model 2 (its filter fixed, its delay refitted), block by block.
@@ -111,12 +108,7 @@ pub enum LagError {
         "{commands} commands and {states} joint states during the motion are too few, {MIN_SAMPLES} of each \
          are needed; see that the arm reports its joints and that the loop is armed"
     )]
-    TooFew {
-        /// Commands.
-        commands: usize,
-        /// Joint states.
-        states: usize,
-    },
+    TooFew { commands: usize, states: usize },
     /// The loop stood still.
     #[error(
         "the commands moved no joint by more than {:.2} mrad, {} mrad are needed; see that the loop follows \
@@ -138,7 +130,6 @@ pub enum LagError {
     NotMoved {
         /// Travel of the joint that was to move most.
         commanded_rad: f64,
-        /// Its measured travel.
         measured_rad: f64,
     },
     /// No lag explains the motion.
@@ -150,7 +141,6 @@ pub enum LagError {
         remaining * 1e2
     )]
     NotFollowed {
-        /// Best shift.
         shift_s: f64,
         /// RMS that remains over RMS of the motion.
         remaining: f64,
@@ -161,7 +151,6 @@ pub enum LagError {
     Gap {
         /// Commands or joint states.
         what: &'static str,
-        /// Length.
         gap_s: f64,
     },
 }
@@ -216,7 +205,8 @@ pub fn identify(commands: &[Sample], states: &[Sample]) -> Result<Identified, La
         return Err(LagError::NotMoved { commanded_rad: moved_rad[most], measured_rad });
     }
 
-    let problem = LagProblem { path: Path::commanded(&commands, &joints), states: &inside, joints: &joints };
+    let problem =
+        LagProblem { path: CommandGrid::commanded(&commands, &joints), states: &inside, joints: &joints };
     let curve = problem.curve();
     let shift = problem.shift(&curve);
     let motion_rad = motion_rms(&inside, &joints);
@@ -235,7 +225,7 @@ pub fn identify(commands: &[Sample], states: &[Sample]) -> Result<Identified, La
     Ok(Identified {
         shift: Shift { delay_s: shift.p[0], rms_rad: shift.rms },
         servo: Servo { delay_s, filter_s, joint_loop_s, rms_rad: servo.rms },
-        verdict: if is_servo { Verdict::Servo } else { Verdict::PureDelay },
+        verdict: if is_servo { LagModel::Servo } else { LagModel::PureDelay },
         shift_spread: spread(&problem, shift, window_s),
         lag_spread: spread(&problem, servo, window_s),
         joints: joints.clone(),
@@ -248,12 +238,13 @@ pub fn identify(commands: &[Sample], states: &[Sample]) -> Result<Identified, La
 /// The motion that a model expects of `joint` at `t_s`, for pictures; `delay_s` alone is a pure delay.
 #[must_use]
 pub fn modelled(commands: &[Sample], joint: usize, servo: &Servo, times_s: &[f64]) -> Vec<f64> {
-    let path = Path::commanded(&rising(commands), &[joint]).filtered(servo.filter_s, servo.joint_loop_s);
+    let path =
+        CommandGrid::commanded(&rising(commands), &[joint]).filtered(servo.filter_s, servo.joint_loop_s);
     times_s.iter().map(|t_s| path.at(joint, t_s - servo.delay_s)).collect()
 }
 
 /// Refits the delay in each of [`BLOCKS`] blocks of equal length; blocks without motion are left out.
-fn spread(problem: &LagProblem<'_>, fit: Fit, window_s: (f64, f64)) -> Spread {
+fn spread(problem: &LagProblem<'_>, fit: ServoFit, window_s: (f64, f64)) -> Spread {
     let [_, filter_s, loop_s] = fit.p;
     let length_s = (window_s.1 - window_s.0) / BLOCKS as f64;
     let path = problem.path.filtered(filter_s, loop_s);
@@ -279,10 +270,10 @@ fn spread(problem: &LagProblem<'_>, fit: Fit, window_s: (f64, f64)) -> Spread {
 
 /// Linear between the order statistics; 0 for none.
 fn quantile(sorted: &[f64], part: f64) -> f64 {
-    let place = part * sorted.len().saturating_sub(1) as f64;
+    let rank = part * sorted.len().saturating_sub(1) as f64;
     let at = |index: usize| sorted.get(index).or(sorted.last()).copied().unwrap_or_default();
-    let (low, high) = (at(place.floor() as usize), at(place.ceil() as usize));
-    low + place.fract() * (high - low)
+    let (low, high) = (at(rank.floor() as usize), at(rank.ceil() as usize));
+    low + rank.fract() * (high - low)
 }
 
 fn rising(samples: &[Sample]) -> Vec<Sample> {

@@ -13,12 +13,12 @@ const GRID_S: f64 = 1e-3;
 
 /// Positions on a grid \[rad\], per joint.
 #[derive(Debug, Clone)]
-pub(super) struct Path {
+pub(super) struct CommandGrid {
     begin_s: f64,
     q: [Vec<f64>; JOINTS],
 }
 
-impl Path {
+impl CommandGrid {
     /// The polyline through `commands` (times rising, at least one), for the given joints; the others are
     /// left empty.
     pub(super) fn commanded(commands: &[Sample], joints: &[usize]) -> Self {
@@ -68,8 +68,8 @@ impl Path {
     /// Where `joint` is at `t_s` \[rad\].
     pub(super) fn at(&self, joint: usize, t_s: f64) -> f64 {
         let q = &self.q[joint];
-        let place = ((t_s - self.begin_s) / GRID_S).max(0.0);
-        let (index, part) = (place as usize, place.fract());
+        let position = ((t_s - self.begin_s) / GRID_S).max(0.0);
+        let (index, part) = (position as usize, position.fract());
         match (q.get(index), q.get(index + 1)) {
             (Some(a), Some(b)) => a + part * (b - a),
             _ => q.last().copied().unwrap_or_default(),
@@ -118,7 +118,7 @@ mod tests {
                 Sample { t_s, q: [0.3 + 0.5 * t_s; JOINTS] }
             })
             .collect();
-        let path = Path::commanded(&ramp, &[0, 3]);
+        let path = CommandGrid::commanded(&ramp, &[0, 3]);
         assert!((path.at(3, 0.4567) - 0.3 - 0.5 * 0.4567).abs() < 1e-12);
         assert_eq!((path.at(0, -1.0), path.at(0, 5.0)), (0.3, 0.8));
         for (filter_s, tau_s) in [(0.03, 0.0), (0.0, 0.02), (0.1, 0.005), (1e-5, 1e-5)] {

@@ -64,7 +64,7 @@ fn pure_delays_from_0_to_150_ms_are_found_within_a_millisecond() {
                 let wrong_ms = (found.shift.delay_s - settings.group_delay_s()) * 1e3;
                 assert!(wrong_ms.abs() < 0.1, "{cycle_s} {noise_rad} {lag_s}: {wrong_ms} ms");
                 assert!((found.servo.lag_s() - found.shift.delay_s).abs() < 1e-4, "{found:?}");
-                assert_eq!(found.verdict, Verdict::PureDelay, "{cycle_s} {noise_rad} {lag_s}: {found:?}");
+                assert_eq!(found.verdict, LagModel::PureDelay, "{cycle_s} {noise_rad} {lag_s}: {found:?}");
                 assert!(found.shift_spread.interquartile_s < 1e-3, "{:?}", found.shift_spread);
             }
         }
@@ -72,7 +72,7 @@ fn pure_delays_from_0_to_150_ms_are_found_within_a_millisecond() {
 }
 
 #[test]
-fn servos_are_told_from_delays_and_found_within_two_milliseconds() {
+fn servos_are_told_apart_from_delays_and_found_within_two_milliseconds() {
     for cycle_s in [0.002, 0.008] {
         for (lag_s, filter_s) in
             [(0.0, 0.030), (0.066, 0.030), (0.0, 0.100), (0.050, 0.100), (0.1, 0.05), (0.01, 0.015)]
@@ -83,7 +83,7 @@ fn servos_are_told_from_delays_and_found_within_two_milliseconds() {
             let case = format!("{cycle_s} {lag_s} {filter_s}: {found:?}");
             assert!((found.servo.lag_s() - settings.group_delay_s()).abs() < 0.5e-3, "{case}");
             assert!((found.servo.filter_s - filter_s).abs() < 2e-3, "{case}");
-            assert_eq!(found.verdict, Verdict::Servo, "{case}");
+            assert_eq!(found.verdict, LagModel::Servo, "{case}");
             // A filter delays fast motion less, so a pure shift fits best with less.
             assert!(found.shift.delay_s < found.servo.lag_s() + 1e-5, "{case}");
             assert!(found.lag_spread.blocks_s.len() >= BLOCKS - 2, "{case}");
@@ -122,7 +122,7 @@ fn jitter_and_a_change_in_mid_run_show_in_the_spread() {
 }
 
 #[test]
-fn standstill_is_refused_and_told() {
+fn standstill_is_refused_and_reported() {
     let settings = ArmSettings::ur5(0.002, 0.03);
     let (commands, states) = recorded(settings, 5.0, 1e-4);
     let still = |samples: &[Sample]| -> Vec<Sample> {

@@ -28,7 +28,6 @@ pub struct PathSample {
 /// The samples that belong to one character.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct LabelSpan {
-    /// What was written.
     pub label: String,
     /// Indices into [`PenPath::samples`]; travel to and from the character is outside.
     pub samples: Range<usize>,

@@ -17,7 +17,6 @@ const JOIN_SAMPLES: usize = 5;
 /// counter overflows.
 const GAP_MAX_S: f64 = 10.0;
 
-/// Where characters go.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Layout {
     /// One over another in the centre of the workspace.
@@ -53,7 +52,6 @@ pub struct Placement {
     pub size_m: [f64; 2],
     /// Height that a character of median height gets \[m\].
     pub glyph_height_m: f64,
-    /// Where characters go.
     pub layout: Layout,
     /// The point of a character that is aligned.
     pub anchor: Anchor,
@@ -91,12 +89,7 @@ pub struct Ink<'a> {
 pub enum PathError {
     /// A number that must be positive and finite is not.
     #[error("{what} is {value}; legal: positive and finite")]
-    NotPositive {
-        /// Which number.
-        what: &'static str,
-        /// As given.
-        value: f64,
-    },
+    NotPositive { what: &'static str, value: f64 },
     /// Not one character could be placed.
     #[error("no character could be placed ({skipped} skipped{}); workspace {width_m} x {height_m} \
              m", first_suffix(first.as_ref()))]
@@ -154,15 +147,15 @@ impl PenPath {
 
 /// A point on its way into the path.
 #[derive(Debug, Clone, Copy)]
-struct Step {
+struct TimedPoint {
     at_m: [f64; 2],
     contact: bool,
     /// How the time since the previous sample was spent.
-    link: Link,
+    link: Elapsed,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Link {
+enum Elapsed {
     /// The next sample of the device.
     Sampled,
     /// Nothing was seen for this long \[s\].
@@ -254,8 +247,8 @@ impl<'a> Placer<'a> {
     }
 
     /// The character's points in the workspace, with how the pen came to each.
-    fn steps(&self, character: &Character, offset: [f64; 2]) -> Vec<Step> {
-        let mut steps: Vec<Step> = Vec::new();
+    fn steps(&self, character: &Character, offset: [f64; 2]) -> Vec<TimedPoint> {
+        let mut steps: Vec<TimedPoint> = Vec::new();
         // Time passed since the last kept point without one being kept.
         let mut unseen_s = 0.0;
         let mut seen_last = true;
@@ -276,12 +269,12 @@ impl<'a> Placer<'a> {
                 }
                 let link = match steps.last() {
                     Some(last) if index == 0 && self.lifted_unseen(last, component, at_m, seen_last) => {
-                        Link::Travel(unseen_s)
+                        Elapsed::Travel(unseen_s)
                     }
-                    Some(_) if !seen_last => Link::Gap(unseen_s.max(self.period_s)),
-                    _ => Link::Sampled,
+                    Some(_) if !seen_last => Elapsed::Gap(unseen_s.max(self.period_s)),
+                    _ => Elapsed::Sampled,
                 };
-                steps.push(Step { at_m, contact: component.contact, link });
+                steps.push(TimedPoint { at_m, contact: component.contact, link });
                 (unseen_s, seen_last) = (0.0, true);
             }
         }
@@ -289,7 +282,7 @@ impl<'a> Placer<'a> {
     }
 
     /// Two strokes without a hover between them, or a jump that is too fast for a hand.
-    fn lifted_unseen(&self, last: &Step, next: &Component, at_m: [f64; 2], seen_last: bool) -> bool {
+    fn lifted_unseen(&self, last: &TimedPoint, next: &Component, at_m: [f64; 2], seen_last: bool) -> bool {
         let leap_m = (at_m[0] - last.at_m[0]).hypot(at_m[1] - last.at_m[1]);
         (last.contact && next.contact) || (seen_last && leap_m > self.placement.glyph_height_m)
     }
@@ -301,15 +294,16 @@ impl<'a> Placer<'a> {
         at_m.iter().zip(centre_m).zip(size_m).all(|((p, c), s)| (p - c).abs() <= reach(s))
     }
 
-    fn append(&mut self, character: &Character, steps: &[Step]) {
+    fn append(&mut self, character: &Character, steps: &[TimedPoint]) {
         for (index, step) in steps.iter().enumerate() {
             let link =
-                if index == 0 && !self.path.samples.is_empty() { Link::Travel(0.0) } else { step.link };
-            let leaps = self.placement.lift == Lift::Leap && matches!(link, Link::Travel(_));
+                if index == 0 && !self.path.samples.is_empty() { Elapsed::Travel(0.0) } else { step.link };
+            let leaps = self.placement.lift == Lift::Leap && matches!(link, Elapsed::Travel(_));
             if leaps {
                 self.path.leaps.push(self.path.samples.len());
             }
-            if let (false, Link::Travel(at_least_s), Some(&last)) = (leaps, link, self.path.samples.last()) {
+            if let (false, Elapsed::Travel(at_least_s), Some(&last)) = (leaps, link, self.path.samples.last())
+            {
                 let arriving = self.arriving(steps.get(index..).unwrap_or_default());
                 let rate_hz = self.path.rate_hz;
                 let hover = travel(last, self.leaving(), step.at_m, arriving, rate_hz, at_least_s);
@@ -317,11 +311,11 @@ impl<'a> Placer<'a> {
                 self.path.inserted_travels += 1;
             }
             let elapsed_s = match link {
-                Link::Gap(gap_s) => gap_s,
-                Link::Travel(at_least_s) if leaps => at_least_s.max(self.period_s),
-                Link::Sampled | Link::Travel(_) => self.period_s,
+                Elapsed::Gap(gap_s) => gap_s,
+                Elapsed::Travel(at_least_s) if leaps => at_least_s.max(self.period_s),
+                Elapsed::Sampled | Elapsed::Travel(_) => self.period_s,
             };
-            self.path.gaps += usize::from(matches!(link, Link::Gap(_)));
+            self.path.gaps += usize::from(matches!(link, Elapsed::Gap(_)));
             let t_s = self.path.samples.last().map_or(0.0, |last| last.t_s + elapsed_s);
             if index == 0 {
                 let start = self.path.samples.len();
@@ -351,9 +345,9 @@ impl<'a> Placer<'a> {
     }
 
     /// Velocity with which the coming samples begin \[m/s\].
-    fn arriving(&self, coming: &[Step]) -> [f64; 2] {
+    fn arriving(&self, coming: &[TimedPoint]) -> [f64; 2] {
         let run =
-            coming.iter().skip(1).take_while(|s| s.link == Link::Sampled).take(JOIN_SAMPLES - 1).count();
+            coming.iter().skip(1).take_while(|s| s.link == Elapsed::Sampled).take(JOIN_SAMPLES - 1).count();
         match (coming.first(), coming.get(run)) {
             (Some(a), Some(b)) if run > 0 => {
                 let elapsed_s = run as f64 * self.period_s;

@@ -1,15 +1,13 @@
 //! A table as bars: one row per model, one column of bars per measure.
 
-use super::PlotError;
-use super::canvas::{Area, DrawResult, FAINT, INK, MUTED, PEN, TRUST, picture, text, text_at, text_width};
-use plotters::prelude::*;
-use plotters::style::text_anchor::{HPos, VPos};
 use std::path::Path;
 
-const WIDTH_PX: u32 = 1200;
-const ROW_PX: i32 = 30;
-const HEAD_PX: i32 = 44;
-const GAP_PX: i32 = 26;
+use super::sheet::{Hung, RIGHT, Sheet, WIDTH, text_width};
+use super::{PlotError, empty};
+
+const ROW: f64 = 26.0;
+const HEAD: f64 = 32.0;
+const GAP: f64 = 24.0;
 
 /// One measure of all rows.
 #[derive(Debug, Clone)]
@@ -27,9 +25,7 @@ pub struct Bars<'a> {
 /// Which values of a measure are good.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Best {
-    /// Errors.
     Lowest,
-    /// Shares won.
     Highest,
 }
 
@@ -45,53 +41,46 @@ pub fn bar_table(
     columns: &[Bars<'_>],
 ) -> Result<(), PlotError> {
     if rows.is_empty() || !columns.iter().any(|c| c.values.iter().flatten().any(|v| drawable(*v))) {
-        return Err(PlotError::Empty { file: file.to_path_buf(), what: "no values" });
+        return Err(empty(file, "no values"));
     }
-    let names_px = 40 + rows.iter().map(|name| text_width(name)).max().unwrap_or(0);
-    let size = (WIDTH_PX, (110 + HEAD_PX + ROW_PX * rows.len() as i32) as u32);
-    picture(file, size, title, subtitle, &[], |area| {
-        for (index, name) in rows.iter().enumerate() {
-            let middle = row_top(index) + ROW_PX / 2;
-            let style = text_at(&INK, HPos::Right, VPos::Center);
-            area.draw(&Text::new((*name).to_owned(), (names_px - 12, middle), style))?;
-        }
-        let width = (WIDTH_PX as i32 - names_px - GAP_PX) / columns.len().max(1) as i32;
-        for (index, column) in columns.iter().enumerate() {
-            draw_column(area, column, names_px + width * index as i32, width - GAP_PX)?;
-        }
-        Ok(())
-    })
+    let names = 40.0 + rows.iter().map(|name| text_width(name)).fold(0.0, f64::max);
+    let mut sheet = Sheet::default();
+    for (index, name) in rows.iter().enumerate() {
+        sheet.text((names - 12.0, row_top(index) + 17.5), "strong", Hung::Right, name);
+    }
+    let width = (WIDTH - RIGHT - names) / columns.len().max(1) as f64;
+    for (index, column) in columns.iter().enumerate() {
+        draw_column(&mut sheet, column, names + width * index as f64, width - GAP);
+    }
+    sheet.chart(file, title, subtitle, row_top(rows.len()) + 16.0)
 }
 
-fn draw_column(area: &Area<'_>, column: &Bars<'_>, left: i32, width: i32) -> DrawResult {
-    area.draw(&Text::new(column.label.to_owned(), (left, HEAD_PX / 2), text(&MUTED)))?;
+fn draw_column(sheet: &mut Sheet, column: &Bars<'_>, left: f64, width: f64) {
+    sheet.text((left, HEAD - 10.0), "", Hung::Left, column.label);
     let known = || column.values.iter().flatten().copied().filter(|v| drawable(*v));
     let best = match column.best {
         Best::Lowest => known().fold(f64::INFINITY, f64::min),
         Best::Highest => known().fold(0.0, f64::max),
     };
-    let text_px = 8 + known().map(|v| text_width(&format!("{v:.*}", column.digits))).max().unwrap_or(0);
-    let (room, largest) = (f64::from((width - text_px).max(1)), known().fold(0.0, f64::max));
+    let words = |value: f64| format!("{value:.*}", column.digits);
+    let text = 8.0 + known().map(|v| text_width(&words(v))).fold(0.0, f64::max);
+    let (room, largest) = ((width - text).max(1.0), known().fold(0.0, f64::max));
     for (index, value) in column.values.iter().enumerate() {
-        let (top, bottom) = (row_top(index) + 5, row_top(index) + ROW_PX - 5);
+        let (top, height) = (row_top(index) + 4.0, ROW - 8.0);
         let Some(value) = value.filter(|v| drawable(*v)) else {
-            area.draw(&Text::new("–", (left, top), text(&MUTED)))?;
+            sheet.text((left, top + 13.5), "", Hung::Left, "–");
             continue;
         };
         let share = if largest > 0.0 { value / largest } else { 0.0 };
-        let right = left + (room * share) as i32;
-        let (colour, ink) = if value == best { (TRUST, INK) } else { (PEN, MUTED) };
-        area.draw(&Rectangle::new([(left, top), (left + room as i32, bottom)], FAINT.mix(0.5).filled()))?;
-        area.draw(&Rectangle::new([(left, top), (right.max(left + 1), bottom)], colour.mix(0.8).filled()))?;
-        let place = (left + room as i32 + 6, (top + bottom) / 2);
-        let style = text_at(&ink, HPos::Left, VPos::Center);
-        area.draw(&Text::new(format!("{value:.*}", column.digits), place, style))?;
+        let (bar, class) = if value == best { ("calm-bar", "strong") } else { ("pen-bar", "") };
+        sheet.rect("shade", (left, top), (room, height));
+        sheet.rect(bar, (left, top), ((room * share).max(1.0), height));
+        sheet.text((left + room + 6.0, top + 13.5), class, Hung::Left, &words(value));
     }
-    Ok(())
 }
 
-fn row_top(index: usize) -> i32 {
-    HEAD_PX + ROW_PX * index as i32
+fn row_top(index: usize) -> f64 {
+    HEAD + ROW * index as f64
 }
 
 fn drawable(value: f64) -> bool {

@@ -3,7 +3,6 @@
 /// Counted values of one quantity, as an HDR histogram's recorded values give them.
 #[derive(Debug, Clone)]
 pub struct Distribution {
-    /// What was measured.
     pub label: String,
     /// (value in µs, how often); any order.
     pub counts_us: Vec<(f64, u64)>,

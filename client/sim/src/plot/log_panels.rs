@@ -5,19 +5,15 @@
 
 use std::path::Path;
 
-use plotters::coord::combinators::{BindKeyPoints, WithKeyPoints};
-use plotters::coord::ranged1d::{AsRangedCoord, Ranged, ValueFormatter};
-use plotters::prelude::*;
+use super::sheet::{AxisFrame, Hung, LEFT, RIGHT, Sheet, WIDTH, extent, plain, series, thinned, ticks};
+use super::{PlotError, empty};
 
-use super::PlotError;
-use super::canvas::{Area, DrawResult, INK, Key, SERIES, axes, extent, head_px, picture, text, thinned};
-
-const WIDTH_PX: u32 = 1200;
-const PANEL_PX: u32 = 420;
 const COLUMNS: usize = 2;
+/// Height of a chart with its axis and title, and of the chart alone \[px\].
+const PANEL: f64 = 370.0;
+const CHART: f64 = 290.0;
 const POINTS_MAX: usize = 1200;
 
-/// One curve.
 #[derive(Debug, Clone)]
 pub struct LogLine<'a> {
     /// For the legend; equal labels have equal colours.
@@ -30,12 +26,9 @@ pub struct LogLine<'a> {
     pub marked: Option<usize>,
 }
 
-/// One chart.
 #[derive(Debug, Clone)]
 pub struct LogPanel<'a> {
-    /// Written above it.
     pub title: &'a str,
-    /// Its curves.
     pub lines: Vec<LogLine<'a>>,
 }
 
@@ -51,11 +44,12 @@ pub fn log_panels(
     log_y: bool,
     panels: &[LogPanel<'_>],
 ) -> Result<(), PlotError> {
-    let fits = |&(x, y): &(f64, f64)| x > 0.0 && x.is_finite() && y.is_finite() && (y > 0.0 || !log_y);
+    let fits = |(x, y): &(f64, f64)| *x > 0.0 && x.is_finite() && y.is_finite() && (*y > 0.0 || !log_y);
+    let placed = |(x, y): &(f64, f64)| (x.log10(), if log_y { y.log10() } else { *y });
     let drawn: Vec<_> =
         panels.iter().filter(|panel| panel.lines.iter().flat_map(|line| &line.points).any(fits)).collect();
     if drawn.is_empty() {
-        return Err(PlotError::Empty { file: file.to_path_buf(), what: "no points" });
+        return Err(empty(file, "no points"));
     }
     let mut names: Vec<&str> = Vec::new();
     for line in drawn.iter().flat_map(|panel| &panel.lines) {
@@ -63,35 +57,62 @@ pub fn log_panels(
             names.push(line.label);
         }
     }
-    let keys: Vec<_> =
-        names.iter().zip(SERIES.iter().cycle()).map(|(name, colour)| Key::solid(name, *colour)).collect();
+    let mut sheet = Sheet::default();
+    let legend: Vec<_> = names.iter().enumerate().map(|(index, name)| (series(index), *name)).collect();
+    let head = sheet.legend(&legend);
     let columns = COLUMNS.min(drawn.len());
-    let rows = drawn.len().div_ceil(columns);
-    let height = head_px(subtitle, &keys, WIDTH_PX) as u32 + PANEL_PX * rows as u32;
-    picture(file, (WIDTH_PX, height), title, subtitle, &keys, |area| {
-        for (panel, place) in drawn.iter().zip(area.split_evenly((rows, columns))) {
-            let points = || panel.lines.iter().flat_map(|line| &line.points).filter(|point| fits(point));
-            let x = around(extent(points().map(|point| point.0)));
-            if log_y {
-                let y = around(extent(points().map(|point| point.1)));
-                draw(&place, panel, &keys, labels, x, logarithmic(y), &fits)?;
-            } else {
-                draw(&place, panel, &keys, labels, x, 0.0..100.0, &fits)?;
-            }
+    let wide = (WIDTH - RIGHT) / columns as f64;
+    for (index, panel) in drawn.iter().enumerate() {
+        let points =
+            || panel.lines.iter().flat_map(|line| &line.points).filter(|point| fits(point)).map(placed);
+        let y_range = if log_y { around(extent(points().map(|p| p.1))) } else { (0.0, 100.0) };
+        let top = head + 44.0 + (index / columns) as f64 * PANEL;
+        let frame = AxisFrame {
+            at: (LEFT + (index % columns) as f64 * wide, top),
+            size: (wide - LEFT, CHART),
+            x: around(extent(points().map(|p| p.0))),
+            y: y_range,
+        };
+        let (left, right, bottom) = (frame.at.0, frame.at.0 + frame.size.0, top + CHART);
+        frame.grid_x(&mut sheet, logarithmic(frame.x));
+        if log_y {
+            frame.grid_y(&mut sheet, logarithmic(y_range));
+        } else {
+            frame.grid_y(&mut sheet, ticks(y_range, 8.0).into_iter().map(|value| (value, plain(value))));
         }
-        Ok(())
-    })
+        frame.outline(&mut sheet);
+        sheet.text((left + 4.0, top - 24.0), "strong", Hung::Left, panel.title);
+        sheet.text((left + 4.0, top - 7.0), "", Hung::Left, labels.1);
+        sheet.text((right, bottom + 34.0), "", Hung::Right, labels.0);
+        for line in &panel.lines {
+            let class = legend.iter().find(|(_, name)| *name == line.label).map_or("s0", |(class, _)| class);
+            let shown: Vec<_> = line.points.iter().filter(|point| fits(point)).map(placed).collect();
+            let at = |point: &(f64, f64)| (frame.px(point.0), frame.py(point.1));
+            for point in shown.iter().filter(|_| line.dots) {
+                sheet.dot(class, at(point), 3.0);
+            }
+            let marked = line.marked.and_then(|index| line.points.get(index)).filter(|point| fits(point));
+            if let Some(point) = marked {
+                sheet.dot(class, at(&placed(point)), 7.0);
+            }
+            // Curves of few points go back and forth in x: only long ones are thinned.
+            let pale = if line.dots { " pale" } else { "" };
+            sheet.line(&format!("line {class}{pale}"), &frame.placed(&thinned(&shown, POINTS_MAX)));
+        }
+    }
+    let rows = drawn.len().div_ceil(columns);
+    sheet.chart(file, title, subtitle, head + rows as f64 * PANEL)
 }
 
-/// A little more than the values, by ratio.
-fn around(range: Option<(f64, f64)>) -> std::ops::Range<f64> {
-    let (low, high) = range.unwrap_or((1.0, 10.0));
-    0.85 * low..1.18 * high
+/// A little more than the values, which are decades.
+fn around(range: Option<(f64, f64)>) -> (f64, f64) {
+    let (low, high) = range.unwrap_or((0.0, 1.0));
+    (low + 0.85_f64.log10(), high + 1.18_f64.log10())
 }
 
-/// An axis that is labelled at 1, 2, 3 and 5 times powers of ten; over many decades at some of the powers.
-fn logarithmic(range: std::ops::Range<f64>) -> WithKeyPoints<LogCoord<f64>> {
-    let [low, high] = [range.start.log10().floor(), range.end.log10().ceil()].map(|decade| decade as i32);
+/// 1, 2, 3 and 5 times powers of ten inside a range of decades; over many decades some of the powers.
+fn logarithmic((from, to): (f64, f64)) -> Vec<(f64, String)> {
+    let [low, high] = [from.floor(), to.ceil()].map(|decade| decade as i32);
     let parts: &[f64] = match high - low {
         ..=2 => &[1.0, 2.0, 3.0, 5.0],
         3..=4 => &[1.0, 2.0, 5.0],
@@ -99,43 +120,5 @@ fn logarithmic(range: std::ops::Range<f64>) -> WithKeyPoints<LogCoord<f64>> {
     };
     let decades = (low..=high).step_by(1 + (high - low) as usize / 8);
     let all = decades.flat_map(|decade| parts.iter().map(move |part| part * 10f64.powi(decade)));
-    let ticks = all.filter(|tick| range.contains(tick)).collect();
-    range.log_scale().with_key_points(ticks)
-}
-
-fn draw<Y>(
-    area: &Area<'_>,
-    panel: &LogPanel<'_>,
-    keys: &[Key<'_>],
-    labels: (&str, &str),
-    x: std::ops::Range<f64>,
-    y: Y,
-    fits: &dyn Fn(&(f64, f64)) -> bool,
-) -> DrawResult
-where
-    Y: AsRangedCoord<Value = f64>,
-    Y::CoordDescType: Ranged<ValueType = f64> + ValueFormatter<f64>,
-{
-    area.draw(&Text::new(panel.title.to_owned(), (80, 2), text(&INK)))?;
-    let mut chart = ChartBuilder::on(area)
-        .margin_top(24)
-        .margin_right(16)
-        .x_label_area_size(48)
-        .y_label_area_size(70)
-        .build_cartesian_2d(logarithmic(x), y)?;
-    axes(&mut chart, labels.0, labels.1)?;
-    for line in &panel.lines {
-        let key = keys.iter().find(|key| key.label == line.label).copied().unwrap_or(Key::solid("", INK));
-        let shown: Vec<_> = line.points.iter().copied().filter(fits).collect();
-        let stroke = Key { width_px: 2, opacity: if line.dots { 0.5 } else { 1.0 }, ..key }.stroke();
-        if line.dots {
-            chart.draw_series(shown.iter().map(|point| Circle::new(*point, 3, key.colour.filled())))?;
-        }
-        let marked = line.marked.and_then(|index| line.points.get(index)).filter(|point| fits(point));
-        chart.draw_series(marked.map(|point| Circle::new(*point, 7, key.colour.filled())))?;
-        // Curves of few points go back and forth in x: only long ones are thinned.
-        let path = if shown.len() > POINTS_MAX { thinned(&shown, POINTS_MAX) } else { shown };
-        chart.draw_series(std::iter::once(PathElement::new(path, stroke)))?;
-    }
-    Ok(())
+    all.map(|tick| (tick.log10(), plain(tick))).filter(|(at, _)| (from..=to).contains(at)).collect()
 }

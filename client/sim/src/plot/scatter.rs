@@ -1,12 +1,9 @@
 //! Named points in a plane, for example one per symbol.
 
-use super::PlotError;
-use super::canvas::{INK, MUTED, PEN, axes, extent, picture, text_at};
-use plotters::prelude::*;
-use plotters::style::text_anchor::{HPos, VPos};
 use std::path::Path;
 
-const SIZE_PX: (u32, u32) = (1200, 620);
+use super::sheet::{AxisFrame, Hung, LEFT, RIGHT, Sheet, WIDTH, extent};
+use super::{PlotError, empty};
 
 /// A point with its name.
 #[derive(Debug, Clone, Copy)]
@@ -28,34 +25,26 @@ pub fn scatter(
     labels: (&str, &str),
     points: &[Named<'_>],
 ) -> Result<(), PlotError> {
-    let shown: Vec<&Named<'_>> =
-        points.iter().filter(|p| p.point.0.is_finite() && p.point.1.is_finite()).collect();
-    let padded = |values: Vec<f64>| {
+    let finite = |p: &&Named<'_>| p.point.0.is_finite() && p.point.1.is_finite();
+    let shown: Vec<&Named<'_>> = points.iter().filter(finite).collect();
+    let padded = |values: &mut dyn Iterator<Item = f64>| {
         extent(values).map(|(low, high)| {
             let margin = 0.06 * (high - low).max(1e-6);
-            low - margin..high + margin
+            (low - margin, high + margin)
         })
     };
-    let (Some(x_range), Some(y_range)) = (
-        padded(shown.iter().map(|p| p.point.0).collect()),
-        padded(shown.iter().map(|p| p.point.1).chain((!shown.is_empty()).then_some(0.0)).collect()),
-    ) else {
-        return Err(PlotError::Empty { file: file.to_path_buf(), what: "no points" });
-    };
-    picture(file, SIZE_PX, title, subtitle, &[], |area| {
-        let ends = vec![(x_range.start, 0.0), (x_range.end, 0.0)];
-        let mut chart = ChartBuilder::on(area)
-            .x_label_area_size(48)
-            .y_label_area_size(70)
-            .build_cartesian_2d(x_range, y_range)?;
-        axes(&mut chart, labels.0, labels.1)?;
-        chart.draw_series(std::iter::once(PathElement::new(ends, MUTED.stroke_width(2))))?;
-        let style = text_at(&INK, HPos::Left, VPos::Center);
-        chart.draw_series(shown.iter().map(|p| {
-            EmptyElement::at(p.point)
-                + Circle::new((0, 0), 3, PEN.mix(0.6).filled())
-                + Text::new(p.name.to_owned(), (6, 0), style.clone())
-        }))?;
-        Ok(())
-    })
+    let x = padded(&mut shown.iter().map(|p| p.point.0)).ok_or_else(|| empty(file, "no points"))?;
+    let y =
+        padded(&mut shown.iter().map(|p| p.point.1).chain([0.0])).ok_or_else(|| empty(file, "no points"))?;
+    let frame = AxisFrame { at: (LEFT, 22.0), size: (WIDTH - LEFT - RIGHT, 460.0), x, y };
+    let mut sheet = Sheet::default();
+    frame.axes(&mut sheet, Some(labels.0), labels.1);
+    let zero = frame.py(0.0);
+    sheet.line("axis", &[(LEFT, zero), (WIDTH - RIGHT, zero)]);
+    for Named { name, point } in shown {
+        let (x, y) = (frame.px(point.0), frame.py(point.1));
+        sheet.dot("s0", (x, y), 3.0);
+        sheet.text((x + 6.0, y + 4.5), "strong", Hung::Left, name);
+    }
+    sheet.chart(file, title, subtitle, 526.0)
 }

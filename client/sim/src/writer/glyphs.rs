@@ -4,11 +4,10 @@
 //! height about 58) and the angle in degrees by which the arc to this target turns, counter-clockwise
 //! positive. The first target is where the pen comes down.
 
-/// (x, y, bend)
-pub(super) type Target = (i16, i16, i16);
+pub(super) type StrokeTarget = (i16, i16, i16);
 
 /// The components of `glyph`, `None` where the writer has not learned it.
-pub(super) fn components(glyph: char) -> Option<&'static [&'static [Target]]> {
+pub(super) fn components(glyph: char) -> Option<&'static [&'static [StrokeTarget]]> {
     GLYPHS.iter().find(|(g, _)| *g == glyph).map(|(_, components)| *components)
 }
 
@@ -17,7 +16,7 @@ pub(super) fn all() -> impl Iterator<Item = char> {
     GLYPHS.iter().map(|(glyph, _)| *glyph)
 }
 
-type Glyph = (char, &'static [&'static [Target]]);
+type Glyph = (char, &'static [&'static [StrokeTarget]]);
 
 #[rustfmt::skip]
 const GLYPHS: &[Glyph] = &[

@@ -1,6 +1,6 @@
 //! A hand with a style: targets of a glyph to overlapping lognormal strokes to sampled ink.
 
-use super::glyphs::Target;
+use super::glyphs::StrokeTarget;
 use super::lognormal::{Lognormal, TAIL};
 use crate::data::Component;
 use rand::{RngExt, SeedableRng};
@@ -68,18 +68,18 @@ impl Style {
 }
 
 /// A hand; its random sequence continues from glyph to glyph.
-pub(super) struct Hand<'s> {
+pub(super) struct GlyphWriter<'s> {
     style: &'s Style,
     dice: Pcg64,
 }
 
-impl<'s> Hand<'s> {
+impl<'s> GlyphWriter<'s> {
     pub(super) fn new(style: &'s Style) -> Self {
         Self { style, dice: Pcg64::seed_from_u64(style.seed) }
     }
 
     /// Writes one glyph: its components with the hover between them, sampled at `rate_hz`.
-    pub(super) fn write(&mut self, targets: &[&[Target]], rate_hz: f64) -> Vec<Component> {
+    pub(super) fn write(&mut self, targets: &[&[StrokeTarget]], rate_hz: f64) -> Vec<Component> {
         let plan = self.plan(targets);
         let tremor = self.tremor();
         let mut components: Vec<Component> = Vec::new();
@@ -100,8 +100,8 @@ impl<'s> Hand<'s> {
         components
     }
 
-    fn plan(&mut self, targets: &[&[Target]]) -> Plan {
-        let mut plan = Plan::default();
+    fn plan(&mut self, targets: &[&[StrokeTarget]]) -> GlyphPlan {
+        let mut plan = GlyphPlan::default();
         let mut pen: Option<[f64; 2]> = None;
         for component in targets {
             let aimed: Vec<[f64; 2]> = component.iter().map(|t| self.aim(t)).collect();
@@ -137,7 +137,7 @@ impl<'s> Hand<'s> {
     }
 
     /// The hand's aim for a target: slanted, stretched, with a small error.
-    fn aim(&mut self, &(x, y, _): &Target) -> [f64; 2] {
+    fn aim(&mut self, &(x, y, _): &StrokeTarget) -> [f64; 2] {
         let y_em = f64::from(y) / 100.0 * self.style.height;
         let x_em = f64::from(x) / 100.0 * self.style.width + y_em * self.style.slant_rad.tan();
         [x_em + self.style.aim_em * self.normal(), y_em + self.style.aim_em * self.normal()]
@@ -204,7 +204,7 @@ impl Wave {
 
 /// All strokes of a glyph on one clock, and when the pen is down.
 #[derive(Debug, Default)]
-struct Plan {
+struct GlyphPlan {
     origin: [f64; 2],
     strokes: Vec<Lognormal>,
     down_s: Vec<(f64, f64)>,
@@ -212,7 +212,7 @@ struct Plan {
     end_s: f64,
 }
 
-impl Plan {
+impl GlyphPlan {
     /// Appends a stroke that sets in when the last one is Φ(z) through; returns when it is itself.
     fn follow(&mut self, mut stroke: Lognormal, z: f64) -> f64 {
         let lifted_s = self.down_s.last().map_or(0.0, |d| d.1);

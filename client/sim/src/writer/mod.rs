@@ -16,7 +16,7 @@ pub use hand::Style;
 
 use crate::data::{Character, Quantity, Recording};
 use crate::path::{Anchor, Ink, PathError, PenPath, Placement};
-use hand::Hand;
+use hand::GlyphWriter;
 use std::path::PathBuf;
 
 /// Median height of the built-in glyphs \[em\]: most are capitals or figures. Fixes the scale of every text
@@ -30,9 +30,8 @@ pub enum WriterError {
     /// A character without a glyph.
     #[error("no built-in glyph for {glyph:?} (character {index} of the text); legal: {legal} and blanks")]
     UnknownGlyph {
-        /// The character.
         glyph: char,
-        /// Its place in the text, from 0.
+        /// Its index in the text, from 0.
         index: usize,
         /// All glyphs there are.
         legal: String,
@@ -45,10 +44,7 @@ pub enum WriterError {
     },
     /// A rate outside its range.
     #[error("rate {rate_hz} Hz is outside [20, 10000] Hz")]
-    Rate {
-        /// As given.
-        rate_hz: f64,
-    },
+    Rate { rate_hz: f64 },
     /// Some of the ink does not fit the workspace.
     #[error("{} of the text's characters do not fit; make the workspace larger or the glyphs smaller; first: \
              {}", skipped.len(), skipped.first().map_or("", String::as_str))]
@@ -89,7 +85,7 @@ pub fn write_with(text: &str, style: &Style, rate_hz: f64) -> Result<Recording, 
     if text.chars().all(char::is_whitespace) {
         return Err(WriterError::Blank { legal: glyphs() });
     }
-    let mut hand = Hand::new(style);
+    let mut hand = GlyphWriter::new(style);
     let mut segments = Vec::new();
     for (index, glyph) in text.chars().enumerate() {
         let components = match glyphs::components(glyph) {

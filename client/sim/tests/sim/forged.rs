@@ -28,14 +28,18 @@ fn forged_recordings_are_refused_with_a_sentence() {
         which = (which + 1) % files.len();
         std::fs::write(&files[which], bytes).unwrap();
         if let Err(error) = load_recording(&files[which]) {
-            let told = error.to_string();
-            assert!(told.contains("/a.") && told.len() < 2000, "{} bytes: {told:.300}", told.len());
+            let message = error.to_string();
+            assert!(
+                message.contains("/a.") && message.len() < 2000,
+                "{} bytes: {message:.300}",
+                message.len()
+            );
         }
         // As records, whatever the container.
         if let Some((kind, body)) = bytes.split_first()
-            && let Err(told) = parse_mcap_record(kind % 17, body)
+            && let Err(message) = parse_mcap_record(kind % 17, body)
         {
-            assert!(told.len() < 2000, "{told:.300}");
+            assert!(message.len() < 2000, "{message:.300}");
         }
     });
 }
@@ -64,7 +68,7 @@ fn files_without_an_end_and_files_of_a_gigabyte_are_refused_before_they_are_read
         let large = std::fs::File::create(path(&format!("large.{extension}"))).unwrap();
         large.set_len(1 << 40).unwrap();
     }
-    for (name, told) in [
+    for (name, message) in [
         ("pipe.csv", "not a regular file"),
         ("zero.dat", "not a regular file"),
         ("large.csv", "1099511627776 bytes"),
@@ -73,6 +77,6 @@ fn files_without_an_end_and_files_of_a_gigabyte_are_refused_before_they_are_read
         ("large.mat", "1099511627776 bytes"),
     ] {
         let error = load_recording(&path(name)).unwrap_err().to_string();
-        assert!(error.contains(told), "{name}: {error}");
+        assert!(error.contains(message), "{name}: {error}");
     }
 }

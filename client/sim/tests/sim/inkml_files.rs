@@ -15,7 +15,7 @@ fn good(text: &str) -> Recording {
 }
 
 /// Labels with the number of components and the first point of each.
-fn told(recording: &Recording) -> Vec<(&str, Vec<[f64; 2]>)> {
+fn inked(recording: &Recording) -> Vec<(&str, Vec<[f64; 2]>)> {
     let of = |c: &foretrace_sim::data::Character| c.components.iter().map(|c| c.points[0]).collect();
     recording.segments.iter().map(|c| (c.label.as_str(), of(c))).collect()
 }
@@ -78,7 +78,7 @@ fn groups_are_characters_and_the_nearest_label_counts() {
     );
     // The unlabelled group below "a" belongs to it; the trace outside all groups is left out.
     assert_eq!(
-        told(&r),
+        inked(&r),
         [("a", vec![[1.0, -1.0], [2.0, -2.0]]), ("\"&", vec![[3.0, -3.0]]), ("", vec![[4.0, -4.0]])]
     );
     assert_eq!(r.segments[0].writer, "w1");
@@ -94,12 +94,12 @@ fn views_label_traces_as_groups_do() {
   <traceGroup><annotation type="truth">y</annotation><traceView traceDataRef="0"></traceView></traceGroup>
 </traceGroup></ink>"##,
     );
-    assert_eq!(told(&r), [("x", vec![[2.0, -2.0], [3.0, -3.0]]), ("y", vec![[1.0, -1.0]])]);
+    assert_eq!(inked(&r), [("x", vec![[2.0, -2.0], [3.0, -3.0]]), ("y", vec![[1.0, -1.0]])]);
     let whole = good(
         r##"<ink><traceGroup xml:id="g"><trace>1 1</trace><traceGroup><trace>2 2</trace></traceGroup></traceGroup>
 <traceView><annotation type="truth">k</annotation><traceView traceDataRef="#g"/></traceView></ink>"##,
     );
-    assert_eq!(told(&whole), [("k", vec![[1.0, -1.0], [2.0, -2.0]])]);
+    assert_eq!(inked(&whole), [("k", vec![[1.0, -1.0], [2.0, -2.0]])]);
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! UNIPEN files made here: the grammar, the errors, and hostile bytes.
 
-use foretrace_sim::data::unipen::load_unipen;
+use foretrace_sim::data::load_recording;
 use proptest::prelude::*;
 use std::path::{Path, PathBuf};
 
@@ -24,7 +24,7 @@ fn set(dat: &[u8], includes: &[(&str, &str)]) -> (tempfile::TempDir, PathBuf) {
 
 fn refusal(dat: &str, includes: &[(&str, &str)]) -> String {
     let (_folder, file) = set(dat.as_bytes(), includes);
-    let message = load_unipen(&file).expect_err("must be refused").to_string();
+    let message = load_recording(&file).expect_err("must be refused").to_string();
     assert!(message.contains(".dat") || message.contains(".doc"), "no file named: {message}");
     message
 }
@@ -34,7 +34,7 @@ fn empty_blocks_are_not_counted_and_dummies_are() {
     let dat = ".INCLUDE s/h.doc\n.INCLUDE s/ink.dat\n.SEGMENT CHARACTER 0,1 ? \"\\\"\"\n.SEGMENT CHARACTER \
                2-3:0 OK \"\\\\\"\n";
     let (_folder, file) = set(dat.as_bytes(), &[("s/h.doc", HEAD), ("s/ink.dat", INK)]);
-    let r = load_unipen(&file).unwrap();
+    let r = load_recording(&file).unwrap();
     assert_eq!((r.rate_hz, r.units_per_m), (200.0, Some([1e4, 1e4])));
     let [quote, backslash] = &r.segments[..] else { panic!("{:?}", r.segments) };
     assert_eq!((quote.label.as_str(), backslash.label.as_str()), ("\"", "\\"));
@@ -49,7 +49,7 @@ fn empty_blocks_are_not_counted_and_dummies_are() {
 fn latin_1_labels_are_read() {
     let dat = [HEAD.as_bytes(), INK.as_bytes(), b".SEGMENT CHARACTER 0 ? \"\xe9\"\n"].concat();
     let (_folder, file) = set(&dat, &[]);
-    assert_eq!(load_unipen(&file).unwrap().segments[0].label, "é");
+    assert_eq!(load_recording(&file).unwrap().segments[0].label, "é");
 }
 
 #[test]
@@ -57,7 +57,7 @@ fn columns_may_come_in_any_order_and_number() {
     let dat =
         ".COORD T Y Z X\n.POINTS_PER_SECOND 100\n.PEN_DOWN 0 2 9 1 5 4 9 3\n.SEGMENT CHARACTER 0 ? \"a\"\n";
     let (_folder, file) = set(dat.as_bytes(), &[]);
-    let r = load_unipen(&file).unwrap();
+    let r = load_recording(&file).unwrap();
     assert_eq!(r.segments[0].components[0].points, [[1.0, 2.0], [3.0, 4.0]]);
     assert_eq!(r.units_per_m, None);
 }
@@ -67,7 +67,7 @@ fn resolution_may_be_stated_per_inch_and_the_writer_anywhere() {
     let dat = ".COORD X Y\n.POINTS_PER_SECOND 100\n.X_POINTS_PER_INCH 508\n.Y_POINTS_PER_INCH 254\n\
                .PEN_DOWN 0 2\n.SEGMENT CHARACTER 0 ? \"a\"\n.WRITER_ID  NAPL4256\n";
     let (_folder, file) = set(dat.as_bytes(), &[]);
-    let r = load_unipen(&file).unwrap();
+    let r = load_recording(&file).unwrap();
     let [x, y] = r.units_per_m.unwrap();
     assert!((x - 20e3).abs() < 1e-6 && (y - 10e3).abs() < 1e-6, "{x} {y}");
     assert_eq!((r.segments[0].writer.as_str(), r.rate_assumed), ("NAPL4256", false));
@@ -118,9 +118,9 @@ fn every_refusal_names_file_line_and_reason() {
         let message = refusal(&dat, includes);
         assert!(message.contains(wanted), "{message}\nwanted: {wanted}");
     }
-    let missing = load_unipen(Path::new("/nonexistent/a.dat")).unwrap_err().to_string();
+    let missing = load_recording(Path::new("/nonexistent/a.dat")).unwrap_err().to_string();
     assert!(missing.starts_with("/nonexistent/a.dat: cannot read the file"), "{missing}");
-    assert!(load_unipen(Path::new("/")).is_err() && load_unipen(Path::new("/dev/null")).is_err());
+    assert!(load_recording(Path::new("/")).is_err() && load_recording(Path::new("/dev/null")).is_err());
 }
 
 #[test]
@@ -130,7 +130,7 @@ fn includes_that_multiply_end_with_an_error() {
     let files: Vec<(&str, &str)> =
         files.iter().map(|(n, t)| (n.as_str(), t.as_str())).chain([("f14", "")]).collect();
     let (_folder, file) = set(b".INCLUDE f0\n", &files);
-    assert!(load_unipen(&file).unwrap_err().to_string().contains("more than 1000 includes"));
+    assert!(load_recording(&file).unwrap_err().to_string().contains("more than 1000 includes"));
 }
 
 fn mutated() -> impl Strategy<Value = Vec<u8>> {
@@ -166,7 +166,7 @@ proptest! {
          CHARACTER|POINTS_PER_SECOND|INCLUDE|X_POINTS_PER_MM)[ \n][0-9:,\\-\". \\\\aNn\n]{0,12}\n){0,20}".prop_map(String::into_bytes),
     ]) {
         let (_folder, file) = set(&text, &[("a.doc", ".PEN_UP\n4 4\n")]);
-        if let Ok(recording) = load_unipen(&file) {
+        if let Ok(recording) = load_recording(&file) {
             prop_assert!(recording.rate_hz > 0.0);
             let mut all = recording.segments.iter().flat_map(|c| &c.components);
             prop_assert!(

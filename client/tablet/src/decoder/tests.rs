@@ -93,7 +93,7 @@ fn a_stroke_comes_in_metres_from_the_middle_with_hover_contact_tilt_and_buttons(
 }
 
 #[test]
-fn the_eraser_end_is_told() {
+fn the_eraser_end_is_reported() {
     let list = "1.000000 1 321 1
         1.000000 3 0 10800
         1.000000 3 1 6750
@@ -103,7 +103,7 @@ fn the_eraser_end_is_told() {
 }
 
 #[test]
-fn nothing_is_told_of_a_place_that_is_not_known() {
+fn nothing_is_reported_of_a_place_that_is_not_known() {
     let list = "1.000000 1 320 1
         1.000000 3 0 10800
         1.000000 0 0 0";
@@ -120,7 +120,7 @@ fn lost_events_are_forgotten_with_what_follows_and_the_state_is_asked_for() {
         13.000000 1 330 1
         13.000000 0 0 0";
     assert_eq!(decode(&mut decoder, list), [Decoded::Lost]);
-    let state = State { axes: vec![(ABS_X, 11_800), (ABS_Y, 6_750)], held: vec![BTN_TOOL_PEN] };
+    let state = DeviceState { axes: vec![(ABS_X, 11_800), (ABS_Y, 6_750)], held: vec![BTN_TOOL_PEN] };
     let Decoded::Reading(reading) = decoder.resync(&state, 13_001_000_000) else { panic!("in range") };
     assert_eq!((reading.contact, reading.device_stamp_ns), (false, 13_001_000_000));
     assert!((reading.x_m - 0.01).abs() < 1e-12);
@@ -128,7 +128,7 @@ fn lost_events_are_forgotten_with_what_follows_and_the_state_is_asked_for() {
     let list = "14.000000 0 3 0
         14.000000 0 0 0";
     assert_eq!(decode(&mut decoder, list), [Decoded::Lost]);
-    let gone = decoder.resync(&State::default(), 14_000_500_000);
+    let gone = decoder.resync(&DeviceState::default(), 14_000_500_000);
     assert_eq!(gone, Decoded::Gone { stamp_ns: 14_000_500_000 });
 }
 
@@ -212,7 +212,7 @@ fn whatever_events_come_readings_are_finite_and_only_of_pens_in_range() {
                     assert_ne!(reading.more_flags & pen_flags::IN_RANGE, 0);
                 }
                 Decoded::Lost => {
-                    decoder.resync(&State::default(), stamp_ns);
+                    decoder.resync(&DeviceState::default(), stamp_ns);
                 }
                 _ => {}
             }

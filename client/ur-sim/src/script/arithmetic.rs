@@ -98,7 +98,7 @@ fn calculate(operator: Binary, left: &Value, right: &Value) -> Result<Value, Str
 
 /// The product of a matrix, as rows, with a matrix or a list.
 fn product(left: &[Value], right: &[Value]) -> Result<Value, String> {
-    // The elements in the place `column` of each row; the elements themselves if it is a list.
+    // The elements in the position `column` of each row; the elements themselves if it is a list.
     let columns = |column: usize| {
         let element = |row: &Value| match row {
             Value::List(row) => row.items().get(column).cloned(),
@@ -213,8 +213,8 @@ pub(super) fn with_element(of: Value, indices: &[Value], value: Value) -> Result
             let at = position(index, pose.len())?;
             let number =
                 value.as_number().ok_or_else(|| format!("a pose has numbers, not {}", value.kind()))?;
-            if let Some(place) = pose.get_mut(at) {
-                *place = number;
+            if let Some(position) = pose.get_mut(at) {
+                *position = number;
             }
             Ok(Value::Pose(pose))
         }

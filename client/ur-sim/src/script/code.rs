@@ -1,7 +1,7 @@
 //! The instructions of the stack machine that runs a script, and a whole program of them.
 
-use super::error::Place;
-use super::tree::{Binary, Sort, Unary};
+use super::error::ScriptPosition;
+use super::tree::{Binary, Function, Sort, Unary};
 use super::value::Value;
 
 /// Where a variable is.
@@ -15,10 +15,8 @@ pub(super) enum Where {
 /// One instruction. "Takes" is off the stack, "gives" onto it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Op {
-    /// Gives a constant.
     Constant(u32),
     Load(Where),
-    /// Takes a value.
     Store(Where),
     /// Takes a value and the indices before it.
     StoreElement(Where, u8),
@@ -34,7 +32,6 @@ pub(super) enum Op {
     Binary(Binary),
     /// Takes so many elements.
     List(u16),
-    /// Takes six numbers.
     Pose,
     /// Takes so many indices and what they index.
     Element(u8),
@@ -54,7 +51,7 @@ pub(super) enum Op {
 
 /// A call, made ready.
 #[derive(Debug)]
-pub(super) struct Ready {
+pub(super) struct PreparedCall {
     /// A function's number, an own function's number, or an index into [`Program::foreign`].
     pub(super) target: u32,
     /// For functions of the program: the slot of each argument on the stack.
@@ -65,7 +62,7 @@ pub(super) struct Ready {
 }
 
 #[derive(Debug)]
-pub(super) struct Body {
+pub(super) struct CompiledFunction {
     pub(super) name: String,
     pub(super) sort: Sort,
     pub(super) entry: usize,
@@ -73,18 +70,25 @@ pub(super) struct Body {
     pub(super) variables: Vec<String>,
 }
 
+impl CompiledFunction {
+    /// Of a function that is not compiled yet.
+    pub(super) fn new(function: &Function) -> Self {
+        Self { name: function.name.clone(), sort: function.sort, entry: 0, variables: Vec::new() }
+    }
+}
+
 /// A program ready to run.
 #[derive(Debug, Default)]
 pub(super) struct Code {
     pub(super) ops: Vec<Op>,
-    /// The place of each instruction.
-    pub(super) places: Vec<Place>,
+    /// The position of each instruction.
+    pub(super) positions: Vec<ScriptPosition>,
     pub(super) constants: Vec<Value>,
-    pub(super) asked: Vec<Ready>,
-    /// Functions of the machine, each with the place of its first call.
-    pub(super) foreign: Vec<(String, Place)>,
+    pub(super) asked: Vec<PreparedCall>,
+    /// Functions of the machine, each with the position of its first call.
+    pub(super) foreign: Vec<(String, ScriptPosition)>,
     /// The program itself is the first.
-    pub(super) bodies: Vec<Body>,
+    pub(super) bodies: Vec<CompiledFunction>,
     /// Names of the globals.
     pub(super) globals: Vec<String>,
 }

@@ -1,28 +1,28 @@
 //! What is wrong with a script, and where.
 
-/// A place in a script's text, both counted from 1, as a controller's log does.
+/// A position in a script's text, both counted from 1, as a controller's log does.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
-pub struct Place {
-    /// Line.
+pub struct ScriptPosition {
     pub line: u32,
-    /// Column, in characters.
     pub column: u32,
 }
 
 /// Why a script was refused or stopped.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("line {line}, column {column}: {message}")]
+#[error("line {}, column {}: {message}", at.line, at.column)]
 pub struct ScriptError {
-    /// Line, from 1.
-    pub line: u32,
-    /// Column, from 1.
-    pub column: u32,
-    /// What is wrong.
+    /// Where it is wrong.
+    pub at: ScriptPosition,
     pub message: String,
 }
 
 impl ScriptError {
-    pub(super) fn new(place: Place, message: impl Into<String>) -> Self {
-        Self { line: place.line, column: place.column, message: message.into() }
+    pub(super) fn new(at: ScriptPosition, message: impl Into<String>) -> Self {
+        Self { at, message: message.into() }
+    }
+
+    /// A bound of `limits` was exceeded.
+    pub(super) fn more_than(at: ScriptPosition, most: usize, what: &str) -> Self {
+        Self::new(at, format!("more than {most} {what}"))
     }
 }

@@ -1,7 +1,7 @@
 //! Text to tokens. Newlines end statements, but not inside brackets; comments and program labels
 //! (`$ 1 "..."`) are skipped.
 
-use super::error::{Place, ScriptError};
+use super::error::{ScriptError, ScriptPosition};
 use super::limits;
 use super::value::Value;
 use std::iter::Peekable;
@@ -9,7 +9,7 @@ use std::str::Chars;
 
 /// What a token is.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) enum Kind {
+pub(super) enum TokenKind {
     /// A name or a keyword.
     Name(String),
     /// A number or a string.
@@ -22,34 +22,35 @@ pub(super) enum Kind {
 
 /// A token and where it begins.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Token {
-    pub(super) kind: Kind,
-    pub(super) place: Place,
+pub(super) struct ScriptToken {
+    pub(super) kind: TokenKind,
+    pub(super) position: ScriptPosition,
 }
 
 /// Two letters first, because the longer one is meant.
 const SYMBOLS: [&str; 18] =
     ["==", "!=", "<=", ">=", "p[", "(", ")", "[", "]", ",", ":", "=", "<", ">", "+", "-", "*", "/"];
 
-/// The tokens of `text`, the last of which is [`Kind::End`].
-pub(super) fn tokens(text: &str) -> Result<Vec<Token>, ScriptError> {
+/// The tokens of `text`, the last of which is [`TokenKind::End`].
+pub(super) fn tokens(text: &str) -> Result<Vec<ScriptToken>, ScriptError> {
     if text.len() > limits::TEXT_BYTES {
         let message = format!("the program is longer than {} bytes", limits::TEXT_BYTES);
-        return Err(ScriptError::new(Place { line: 1, column: 1 }, message));
+        return Err(ScriptError::new(ScriptPosition { line: 1, column: 1 }, message));
     }
-    let mut reader = Reader { rest: text.chars().peekable(), place: Place { line: 1, column: 1 } };
-    let mut found: Vec<Token> = Vec::new();
-    let mut open: Vec<Place> = Vec::new();
+    let mut reader =
+        TextScanner { rest: text.chars().peekable(), position: ScriptPosition { line: 1, column: 1 } };
+    let mut found: Vec<ScriptToken> = Vec::new();
+    let mut open: Vec<ScriptPosition> = Vec::new();
     while let Some(&next) = reader.rest.peek() {
-        let place = reader.place;
-        let line_is_empty = found.last().is_none_or(|token| token.kind == Kind::NewLine);
+        let position = reader.position;
+        let line_is_empty = found.last().is_none_or(|token| token.kind == TokenKind::NewLine);
         let kind = match next {
             '\n' => {
                 reader.step();
                 if line_is_empty || !open.is_empty() {
                     continue;
                 }
-                Kind::NewLine
+                TokenKind::NewLine
             }
             ' ' | '\t' | '\r' | '\u{c}' | '\u{feff}' => {
                 reader.step();
@@ -63,50 +64,50 @@ pub(super) fn tokens(text: &str) -> Result<Vec<Token>, ScriptError> {
                 reader.take(|c| c != '\n');
                 continue;
             }
-            '"' | '\'' => Kind::Value(reader.text(next, place)?),
-            '0'..='9' | '.' => Kind::Value(reader.number(place)?),
+            '"' | '\'' => TokenKind::Value(reader.text(next, position)?),
+            '0'..='9' | '.' => TokenKind::Value(reader.number(position)?),
             c if c.is_ascii_alphabetic() || c == '_' => {
                 let name = reader.take(|c| c.is_ascii_alphanumeric() || c == '_');
                 if name == "p" && reader.rest.peek() == Some(&'[') {
                     reader.step();
-                    Kind::Symbol("p[")
+                    TokenKind::Symbol("p[")
                 } else {
-                    Kind::Name(name)
+                    TokenKind::Name(name)
                 }
             }
-            _ => Kind::Symbol(reader.symbol(place)?),
+            _ => TokenKind::Symbol(reader.symbol(position)?),
         };
         match kind {
-            Kind::Symbol("(" | "[" | "p[") => open.push(place),
-            Kind::Symbol(")" | "]") if open.pop().is_none() => {
-                return Err(ScriptError::new(place, "this bracket closes nothing"));
+            TokenKind::Symbol("(" | "[" | "p[") => open.push(position),
+            TokenKind::Symbol(")" | "]") if open.pop().is_none() => {
+                return Err(ScriptError::new(position, "this bracket closes nothing"));
             }
             _ => {}
         }
-        found.push(Token { kind, place });
+        found.push(ScriptToken { kind, position });
     }
-    if let Some(&place) = open.first() {
-        return Err(ScriptError::new(place, "this bracket is not closed"));
+    if let Some(&position) = open.first() {
+        return Err(ScriptError::new(position, "this bracket is not closed"));
     }
-    if found.last().is_some_and(|last| last.kind != Kind::NewLine) {
-        found.push(Token { kind: Kind::NewLine, place: reader.place });
+    if found.last().is_some_and(|last| last.kind != TokenKind::NewLine) {
+        found.push(ScriptToken { kind: TokenKind::NewLine, position: reader.position });
     }
-    found.push(Token { kind: Kind::End, place: reader.place });
+    found.push(ScriptToken { kind: TokenKind::End, position: reader.position });
     Ok(found)
 }
 
-struct Reader<'a> {
+struct TextScanner<'a> {
     rest: Peekable<Chars<'a>>,
-    place: Place,
+    position: ScriptPosition,
 }
 
-impl Reader<'_> {
+impl TextScanner<'_> {
     fn step(&mut self) -> Option<char> {
         let next = self.rest.next()?;
         if next == '\n' {
-            self.place = Place { line: self.place.line.saturating_add(1), column: 1 };
+            self.position = ScriptPosition { line: self.position.line.saturating_add(1), column: 1 };
         } else {
-            self.place.column = self.place.column.saturating_add(1);
+            self.position.column = self.position.column.saturating_add(1);
         }
         Some(next)
     }
@@ -124,25 +125,23 @@ impl Reader<'_> {
         taken
     }
 
-    fn text(&mut self, quote: char, place: Place) -> Result<Value, ScriptError> {
+    fn text(&mut self, quote: char, position: ScriptPosition) -> Result<Value, ScriptError> {
         self.step();
         let text = self.take(|c| c != quote && c != '\n');
         if self.rest.peek() != Some(&quote) {
-            return Err(ScriptError::new(place, "this string is not closed on its line"));
+            return Err(ScriptError::new(position, "this string is not closed on its line"));
         }
         self.step();
         if text.len() > limits::STRING_BYTES {
-            return Err(ScriptError::new(
-                place,
-                format!("a string has at most {} bytes", limits::STRING_BYTES),
-            ));
+            let message = format!("a string has at most {} bytes", limits::STRING_BYTES);
+            return Err(ScriptError::new(position, message));
         }
         Ok(Value::text(&text))
     }
 
     /// Digits with a point, an exponent or both are a float; else an integer, or a float where 32 bits are
     /// too few.
-    fn number(&mut self, place: Place) -> Result<Value, ScriptError> {
+    fn number(&mut self, position: ScriptPosition) -> Result<Value, ScriptError> {
         let mut written = self.take(|c| c.is_ascii_digit() || c == '.');
         if self.rest.peek().is_some_and(|&c| c == 'e' || c == 'E') {
             written.extend(self.step());
@@ -160,11 +159,13 @@ impl Reader<'_> {
                 return Ok(Value::Float(float));
             }
         }
-        Err(ScriptError::new(place, format!("{} is no number", short(&(written + &glued)))))
+        Err(ScriptError::new(position, format!("{} is no number", short(&(written + &glued)))))
     }
 
-    fn symbol(&mut self, place: Place) -> Result<&'static str, ScriptError> {
-        let Some(first) = self.step() else { return Err(ScriptError::new(place, "the program ends here")) };
+    fn symbol(&mut self, position: ScriptPosition) -> Result<&'static str, ScriptError> {
+        let Some(first) = self.step() else {
+            return Err(ScriptError::new(position, "the program ends here"));
+        };
         if first == '%' {
             return Ok("%");
         }
@@ -183,7 +184,7 @@ impl Reader<'_> {
                 _ => {}
             }
         }
-        Err(ScriptError::new(place, format!("the character {first:?} means nothing here")))
+        Err(ScriptError::new(position, format!("the character {first:?} means nothing here")))
     }
 }
 

@@ -4,7 +4,6 @@
 pub(super) const TEXT_BYTES: usize = 1 << 20;
 /// Depth of an expression's tree, and so of every recursion over it.
 pub(super) const EXPRESSION_DEPTH: u16 = 100;
-/// Blocks inside blocks.
 pub(super) const BLOCK_DEPTH: u16 = 50;
 /// Functions and threads that a program defines.
 pub(super) const FUNCTIONS: usize = 4096;
@@ -22,7 +21,6 @@ pub(super) const CALL_DEPTH: usize = 100;
 pub(super) const LIVE_VARIABLES: usize = 16_384;
 /// Elements of a list, those of lists inside it included.
 pub(super) const LIST_ELEMENTS: usize = 4096;
-/// Lists inside lists.
 pub(super) const LIST_DEPTH: u8 = 4;
 /// Length of a string \[bytes\].
 pub(super) const STRING_BYTES: usize = 16_384;

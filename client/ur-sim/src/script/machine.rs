@@ -1,6 +1,6 @@
 //! The seam to the robot: what a script asks of it, and how it answers.
 
-use super::error::Place;
+use super::error::ScriptPosition;
 use super::value::Value;
 
 /// A thread of a run. Numbers are not used again within a run. A secondary program has others than the
@@ -9,7 +9,6 @@ use super::value::Value;
 pub struct ThreadId(pub(super) u32);
 
 impl ThreadId {
-    /// A program itself.
     pub const PROGRAM: Self = Self(0);
     /// A secondary program itself.
     pub const SECONDARY: Self = Self(1 << 31);
@@ -24,7 +23,7 @@ impl ThreadId {
 /// The arguments of a call, in the order written, then those given by name.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Arguments {
-    /// Those given by place.
+    /// Those given by position.
     pub positional: Vec<Value>,
     /// Those given by name.
     pub named: Vec<(String, Value)>,
@@ -40,12 +39,12 @@ impl Arguments {
             return Err(format!("takes at most {N} arguments, not {}", self.positional.len()));
         }
         let mut bound = [None; N];
-        for (place, value) in bound.iter_mut().zip(&self.positional) {
-            *place = Some(value);
+        for (position, value) in bound.iter_mut().zip(&self.positional) {
+            *position = Some(value);
         }
         for (name, value) in &self.named {
-            let place = parameters.iter().position(|p| p == name).and_then(|at| bound.get_mut(at));
-            match place {
+            let position = parameters.iter().position(|p| p == name).and_then(|at| bound.get_mut(at));
+            match position {
                 None => return Err(format!("has no parameter {name}")),
                 Some(Some(_)) => return Err(format!("parameter {name} is given twice")),
                 Some(empty) => *empty = Some(value),
@@ -57,20 +56,17 @@ impl Arguments {
 
 /// One question to the machine.
 #[derive(Debug, Clone, Copy)]
-pub struct Call<'a> {
-    /// Who asks.
+pub struct MachineCall<'a> {
     pub thread: ThreadId,
-    /// The function.
     pub name: &'a str,
     /// What it is called with.
     pub arguments: &'a Arguments,
     /// False when the machine answered [`Called::Wait`] a cycle ago and is asked again.
     pub first: bool,
     /// Where the call stands in the script.
-    pub place: Place,
+    pub position: ScriptPosition,
 }
 
-/// The machine's answer.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Called {
     /// Done; the thread goes on in this cycle.
@@ -91,8 +87,7 @@ pub trait Machine {
     /// program that calls what it does not know, also where it would never come by.
     fn knows(&self, name: &str) -> bool;
 
-    /// Answers one call.
-    fn call(&mut self, call: &Call<'_>) -> Called;
+    fn call(&mut self, call: &MachineCall<'_>) -> Called;
 
     /// What the calls since it was last asked took, in instructions, beside one for each and what their
     /// arguments hold. A machine that calculates tells it here: a program then has so many less in its cycle.

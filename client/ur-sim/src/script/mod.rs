@@ -1,7 +1,8 @@
-//! An interpreter of URScript: text to [`Program`], and [`Run`], which executes it a control cycle at a time.
+//! An interpreter of URScript: text to [`Program`], and [`ScriptRun`], which executes it a control cycle at a
+//! time.
 //!
 //! It knows no robot. What a script asks of one (motion, registers, sockets, messages) goes to a [`Machine`];
-//! arithmetic, lists, poses and strings are its own ([`signatures`]). Everything is bounded (`limits`),
+//! arithmetic, lists, poses and strings are its own (`builtins`). Everything is bounded (`limits`),
 //! because scripts come from a socket.
 //!
 //! Source: the script manual's pages on scoping, threads, thread scheduling and secondary programs; where
@@ -22,10 +23,9 @@ mod program;
 mod run;
 mod uploads;
 
-pub use builtins::signatures;
-pub use error::{Place, ScriptError};
-pub use machine::{Arguments, Call, Called, Machine, ThreadId};
+pub use error::{ScriptError, ScriptPosition};
+pub use machine::{Arguments, Called, Machine, MachineCall, ThreadId};
 pub use program::Program;
-pub use run::{Progress, Run};
+pub use run::{Progress, ScriptRun};
 pub use uploads::{TooLong, Uploads};
 pub use value::{List, Value};

@@ -1,7 +1,7 @@
 //! A program that has been read and understood, but not run.
 
 use super::code::Code;
-use super::error::{Place, ScriptError};
+use super::error::{ScriptError, ScriptPosition};
 use super::tree::Sort;
 use super::{compiler, parser};
 use std::sync::Arc;
@@ -17,8 +17,8 @@ impl Program {
     /// bare line `stopj(2)`, is the body of one.
     ///
     /// # Errors
-    /// The first thing that is no URScript, a variable that nothing assigns to, a call that does not fit the
-    /// function called, or a bound of `limits`; with its place.
+    /// The first thing that is not URScript, a variable that nothing assigns to, a call that does not fit the
+    /// function called, or a bound of `limits`; with its position.
     pub fn parse(text: &str) -> Result<Self, ScriptError> {
         let code = compiler::program(parser::statements(text)?)?;
         Ok(Self { code: Arc::new(code) })
@@ -36,8 +36,8 @@ impl Program {
         self.code.bodies.first().is_some_and(|body| body.sort == Sort::Sec)
     }
 
-    /// The functions that it wants of a machine, each with the place of its first call.
-    pub fn wanted(&self) -> impl Iterator<Item = (&str, Place)> {
-        self.code.foreign.iter().map(|(name, place)| (name.as_str(), *place))
+    /// The functions that it wants of a machine, each with the position of its first call.
+    pub fn wanted(&self) -> impl Iterator<Item = (&str, ScriptPosition)> {
+        self.code.foreign.iter().map(|(name, position)| (name.as_str(), *position))
     }
 }

@@ -1,6 +1,6 @@
 //! The tree of a program: what the parser makes and the compiler reads.
 
-use super::error::{Place, ScriptError};
+use super::error::{ScriptError, ScriptPosition};
 use super::limits;
 use super::value::Value;
 
@@ -9,7 +9,6 @@ use super::value::Value;
 pub(super) enum Sort {
     Def,
     Thread,
-    /// A secondary program.
     Sec,
 }
 
@@ -17,15 +16,15 @@ pub(super) enum Sort {
 pub(super) struct Function {
     pub(super) name: String,
     pub(super) sort: Sort,
-    pub(super) place: Place,
+    pub(super) position: ScriptPosition,
     /// Names with their default values.
     pub(super) parameters: Vec<(String, Option<Expression>)>,
-    pub(super) body: Vec<Statement>,
+    pub(super) body: Vec<ScriptStatement>,
 }
 
 #[derive(Debug)]
-pub(super) struct Statement {
-    pub(super) place: Place,
+pub(super) struct ScriptStatement {
+    pub(super) position: ScriptPosition,
     pub(super) what: Do,
 }
 
@@ -49,10 +48,10 @@ pub(super) enum Do {
         value: Option<Expression>,
     },
     If {
-        arms: Vec<(Expression, Vec<Statement>)>,
-        otherwise: Vec<Statement>,
+        arms: Vec<(Expression, Vec<ScriptStatement>)>,
+        otherwise: Vec<ScriptStatement>,
     },
-    While(Expression, Vec<Statement>),
+    While(Expression, Vec<ScriptStatement>),
     Break,
     Continue,
     Return(Option<Expression>),
@@ -67,7 +66,7 @@ pub(super) enum Do {
 
 #[derive(Debug)]
 pub(super) struct Expression {
-    pub(super) place: Place,
+    pub(super) position: ScriptPosition,
     pub(super) what: Give,
     depth: u16,
 }
@@ -80,15 +79,15 @@ pub(super) enum Give {
     Pose(Vec<Expression>),
     /// One index, or two for a matrix.
     Index(Box<Expression>, Vec<Expression>),
-    Call(Asked),
-    Run(Asked),
+    Call(CallExpression),
+    Run(CallExpression),
     Unary(Unary, Box<Expression>),
     Binary(Binary, Box<Expression>, Box<Expression>),
 }
 
 /// A call as written.
 #[derive(Debug)]
-pub(super) struct Asked {
+pub(super) struct CallExpression {
     pub(super) name: String,
     pub(super) positional: Vec<Expression>,
     pub(super) named: Vec<(String, Expression)>,
@@ -120,7 +119,7 @@ pub(super) enum Binary {
 
 impl Expression {
     /// Fails where the tree would become deeper than [`limits::EXPRESSION_DEPTH`].
-    pub(super) fn new(place: Place, what: Give) -> Result<Self, ScriptError> {
+    pub(super) fn new(position: ScriptPosition, what: Give) -> Result<Self, ScriptError> {
         let deepest = |list: &[Self]| list.iter().map(|inner| inner.depth).max().unwrap_or(0);
         let below = match &what {
             Give::Value(_) | Give::Name(_) => 0,
@@ -134,8 +133,11 @@ impl Expression {
             Give::Binary(_, left, right) => left.depth.max(right.depth),
         };
         if below >= limits::EXPRESSION_DEPTH {
-            return Err(ScriptError::new(place, format!("this is deeper than {}", limits::EXPRESSION_DEPTH)));
+            return Err(ScriptError::new(
+                position,
+                format!("this is deeper than {}", limits::EXPRESSION_DEPTH),
+            ));
         }
-        Ok(Self { place, what, depth: below + 1 })
+        Ok(Self { position, what, depth: below + 1 })
     }
 }

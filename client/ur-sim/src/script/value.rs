@@ -12,11 +12,8 @@ pub enum Value {
     None,
     /// `True` or `False`.
     Bool(bool),
-    /// A whole number.
     Integer(i32),
-    /// A number.
     Float(f64),
-    /// A string.
     Text(Arc<str>),
     /// A list or a matrix.
     List(List),
@@ -53,7 +50,6 @@ impl List {
         Ok(Self { items: Arc::new(items), weight, depth })
     }
 
-    /// Its elements.
     #[must_use]
     pub fn items(&self) -> &[Value] {
         &self.items
@@ -70,7 +66,6 @@ impl List {
 }
 
 impl Value {
-    /// A string.
     #[must_use]
     pub fn text(text: &str) -> Self {
         Self::Text(Arc::from(text))

@@ -8,16 +8,16 @@ use foretrace_client::JOINTS;
 use foretrace_config::Config;
 use proptest::prelude::*;
 
-use foretrace_ur::bridge::program::Program;
-use foretrace_ur::bridge::registers::{Answer, END, Inputs, ProgramState, Registers};
-use foretrace_ur_sim::script::{Call, Called, Machine, Program as Script, Progress, Run, Value};
+use foretrace_ur::bridge::program::BridgeProgram;
+use foretrace_ur::bridge::registers::{END, ProgramAnswer, ProgramState, RegisterInputs, RegisterMap};
+use foretrace_ur_sim::script::{Called, Machine, MachineCall, Program as Script, Progress, ScriptRun, Value};
 
 const CYCLE_S: f64 = 0.008;
 const TOKEN: i32 = 777;
 
 /// Registers, and joints that are where `servoj` put them, or brake.
 struct Arm {
-    registers: Registers,
+    registers: RegisterMap,
     integers: BTreeMap<i32, i32>,
     doubles: BTreeMap<i32, f64>,
     outputs: BTreeMap<i32, i32>,
@@ -44,7 +44,7 @@ impl Machine for Arm {
         known.split_whitespace().any(|known| known == name)
     }
 
-    fn call(&mut self, call: &Call<'_>) -> Called {
+    fn call(&mut self, call: &MachineCall<'_>) -> Called {
         let given = &call.arguments.positional;
         let number = |at: usize| given.get(at).and_then(Value::as_number).unwrap();
         let register = || given.first().and_then(Value::as_integer).unwrap();
@@ -99,18 +99,23 @@ impl Machine for Arm {
 
 struct Scene {
     arm: Arm,
-    run: Run,
+    run: ScriptRun,
     counter: i32,
-    leave: i32,
+    permit: i32,
     q: [f64; JOINTS],
     qd: [f64; JOINTS],
-    program: Program,
+    program: BridgeProgram,
 }
 
-fn program(preset: &str) -> Program {
+fn program(preset: &str) -> BridgeProgram {
     static UR5: LazyLock<Config> = LazyLock::new(|| Config::preset("ur5").unwrap());
     let config = if preset == "ur5" { UR5.clone() } else { Config::preset(preset).unwrap() };
-    Program::new(&config.settings().robot.ur, &config.robot().limits, Registers::at(24).unwrap(), CYCLE_S)
+    BridgeProgram::new(
+        &config.settings().robot.ur,
+        &config.robot().limits,
+        RegisterMap::at(24).unwrap(),
+        CYCLE_S,
+    )
 }
 
 impl Scene {
@@ -134,30 +139,30 @@ impl Scene {
             watchdog: None,
         };
         let script = Script::parse(&program.text(TOKEN)).unwrap();
-        let run = Run::new(&script, &arm).unwrap();
-        Self { arm, run, counter: 100, leave: 0, q, qd: [0.0; JOINTS], program }
+        let run = ScriptRun::new(&script, &arm).unwrap();
+        Self { arm, run, counter: 100, permit: 0, q, qd: [0.0; JOINTS], program }
     }
 
     /// The bridge sends a package, then the controller runs a cycle.
-    fn fresh(&mut self) -> Answer {
+    fn fresh(&mut self) -> ProgramAnswer {
         self.counter += 1;
         self.send();
         self.stale()
     }
 
     fn send(&mut self) {
-        let inputs = Inputs { counter: self.counter, leave: self.leave, q: self.q, qd: self.qd };
+        let inputs = RegisterInputs { counter: self.counter, permit: self.permit, q: self.q, qd: self.qd };
         let r = self.arm.registers;
         let at = |number: u32| i32::try_from(number).unwrap();
         self.arm.integers.insert(at(r.counter()), inputs.counter);
-        self.arm.integers.insert(at(r.leave()), inputs.leave);
+        self.arm.integers.insert(at(r.permit()), inputs.permit);
         for (i, value) in (0..).zip(inputs.q.iter().chain(&inputs.qd)) {
             self.arm.doubles.insert(at(r.double(i)), *value);
         }
     }
 
     /// A cycle without a package.
-    fn stale(&mut self) -> Answer {
+    fn stale(&mut self) -> ProgramAnswer {
         assert_eq!(self.run.cycle(&mut self.arm), Progress::Running);
         self.answer()
     }
@@ -174,9 +179,9 @@ impl Scene {
         });
     }
 
-    fn answer(&self) -> Answer {
+    fn answer(&self) -> ProgramAnswer {
         let r = self.arm.registers;
-        Answer::from_words(
+        ProgramAnswer::from_words(
             [0, 1, 2, 3, 4, 5, 6]
                 .map(|i| self.arm.outputs.get(&i32::try_from(r.output(i)).unwrap()).copied().unwrap_or(0)),
         )
@@ -186,7 +191,7 @@ impl Scene {
     fn following(speed: f64) -> Self {
         let mut scene = Self::new();
         scene.fresh();
-        (scene.leave, scene.q) = (9, scene.arm.q);
+        (scene.permit, scene.q) = (9, scene.arm.q);
         scene.fresh();
         while scene.qd[0] < speed {
             scene.qd[0] = (scene.qd[0] + 20.0 * CYCLE_S).min(speed);
@@ -196,7 +201,7 @@ impl Scene {
         scene
     }
 
-    fn go_on(&mut self) -> Answer {
+    fn go_on(&mut self) -> ProgramAnswer {
         self.q.iter_mut().zip(&self.qd).for_each(|(q, qd)| *q += qd * CYCLE_S);
         self.fresh()
     }
@@ -214,12 +219,12 @@ fn begins_by_waiting_with_its_token_and_a_watchdog_on_the_counter() {
 }
 
 #[test]
-fn a_leave_from_before_the_program_is_not_obeyed() {
+fn a_permit_from_before_the_program_is_not_obeyed() {
     let mut scene = Scene::from(&[(25, 9)]);
-    scene.leave = 9;
+    scene.permit = 9;
     scene.fresh_for(10);
     assert_eq!((scene.answer().program(), scene.arm.servoed), (ProgramState::Waiting, 0));
-    scene.leave = 10;
+    scene.permit = 10;
     assert_eq!(scene.fresh().program(), ProgramState::Following);
 }
 
@@ -262,18 +267,18 @@ fn a_counter_within_five_cycles_goes_on_as_if_nothing_had_been() {
 }
 
 #[test]
-fn after_a_stop_only_a_new_leave_moves_the_arm_and_from_where_it_is() {
+fn after_a_stop_only_a_new_permit_moves_the_arm_and_from_where_it_is() {
     let mut scene = Scene::following(1.0);
     scene.stale_for(40);
     let (rested, servoed) = (scene.arm.q, scene.arm.servoed);
     assert_eq!(scene.arm.qd, [0.0; JOINTS]);
-    // The old leave, however many counters come.
+    // The old permit, however many counters come.
     scene.fresh_for(20);
     assert_eq!((scene.arm.q, scene.arm.servoed), (rested, servoed));
     // A new one with a target that is where the daemon believes the arm: refused.
-    (scene.leave, scene.q[0]) = (10, rested[0] + 0.3);
+    (scene.permit, scene.q[0]) = (10, rested[0] + 0.3);
     assert_eq!(scene.fresh().program(), ProgramState::StoppedJump);
-    (scene.leave, scene.q, scene.qd) = (11, rested, [0.0; JOINTS]);
+    (scene.permit, scene.q, scene.qd) = (11, rested, [0.0; JOINTS]);
     assert_eq!(scene.fresh().program(), ProgramState::Following);
     assert_eq!(scene.arm.q, rested);
 }
@@ -301,9 +306,9 @@ fn a_target_too_far_or_no_number_stops_the_arm() {
 }
 
 #[test]
-fn taking_the_leave_back_stops_the_arm_at_once() {
+fn taking_the_permit_back_stops_the_arm_at_once() {
     let mut scene = Scene::following(1.0);
-    scene.leave = 0;
+    scene.permit = 0;
     let servoed = scene.arm.servoed;
     assert_eq!(scene.fresh().program(), ProgramState::Waiting);
     scene.fresh_for(20);
@@ -322,7 +327,7 @@ fn counters_that_come_two_at_a_time_are_counted_as_lost() {
 #[test]
 fn the_end_stops_the_arm_first() {
     let mut scene = Scene::following(1.0);
-    scene.leave = END;
+    scene.permit = END;
     scene.counter += 1;
     scene.send();
     let over =
@@ -348,14 +353,14 @@ proptest! {
     ) {
         let mut scene = Scene::following(0.0);
         let most = scene.program.reach_rad + scene.program.speed_radps * CYCLE_S;
-        for (kind, far, speed, leave) in cycles {
+        for (kind, far, speed, permit) in cycles {
             let before = scene.arm.q;
             match kind {
                 0 => scene.q[0] += far,
                 1 => scene.qd[0] = speed,
-                2 => scene.leave = leave,
+                2 => scene.permit = permit,
                 3 => (scene.q, scene.qd) = (scene.arm.q, [0.0; JOINTS]),
-                4 => scene.leave += 1,
+                4 => scene.permit += 1,
                 _ => {}
             }
             if kind < 9 { scene.fresh() } else { scene.stale() };

@@ -4,17 +4,18 @@
 use std::collections::VecDeque;
 use std::sync::LazyLock;
 
-use foretrace_client::{JOINTS, JointCommand, Mode, RobotMode, SafetyMode, command_flags};
+use foretrace_client::wire::command_flags;
+use foretrace_client::{JOINTS, JointCommand, Mode, RobotMode, SafetyMode};
 use foretrace_config::Config;
 
-use foretrace_ur::bridge::pilot::{Outcome, Package, Pilot};
-use foretrace_ur::bridge::program::Program;
+use foretrace_ur::bridge::pilot::{CycleResult, Package, Pilot};
+use foretrace_ur::bridge::program::BridgeProgram;
 use foretrace_ur::bridge::reaction::Phase;
-use foretrace_ur::bridge::reason::Reason;
-use foretrace_ur::bridge::registers::{Answer, Inputs, Registers};
-use foretrace_ur::rtde::Value;
-use foretrace_ur_sim::options::{Options, Series, usual_version};
-use foretrace_ur_sim::outputs::Source;
+use foretrace_ur::bridge::reason::HaltReason;
+use foretrace_ur::bridge::registers::{ProgramAnswer, RegisterInputs, RegisterMap};
+use foretrace_ur::rtde::RtdeValue;
+use foretrace_ur_sim::options::{ControllerOptions, Series, usual_version};
+use foretrace_ur_sim::outputs::OutputSource;
 use foretrace_ur_sim::world::World;
 
 const START_NS: u64 = 500_000_000_000;
@@ -26,9 +27,9 @@ pub(super) struct Scene {
     config: &'static Config,
     pub(super) world: World,
     pub(super) pilot: Option<Pilot>,
-    program: Program,
+    program: BridgeProgram,
     /// Inputs on their way, with the cycle before which they arrive.
-    under_way: VecDeque<(u64, Inputs)>,
+    under_way: VecDeque<(u64, RegisterInputs)>,
     cycle: u64,
     /// Neither states nor inputs come through.
     pub(super) cut: bool,
@@ -38,7 +39,7 @@ pub(super) struct Scene {
     pub(super) middle: [f64; JOINTS],
     since_s: f64,
     pub(super) swing_rad: f64,
-    newest: Option<Outcome>,
+    newest: Option<CycleResult>,
     pub(super) watched: Watched,
 }
 
@@ -88,10 +89,14 @@ impl Scene {
 
     /// With other settings than the presets'.
     pub(super) fn with(series: Series, config: &'static Config) -> Self {
-        let registers = Registers::at(24).unwrap();
-        let program =
-            Program::new(&config.settings().robot.ur, &config.robot().limits, registers, series.cycle_s());
-        let mut world = World::new(Options::new(series));
+        let registers = RegisterMap::at(24).unwrap();
+        let program = BridgeProgram::new(
+            &config.settings().robot.ur,
+            &config.robot().limits,
+            registers,
+            series.cycle_s(),
+        );
+        let mut world = World::new(ControllerOptions::new(series));
         // Booted a while ago.
         (0..100).for_each(|_| world.cycle());
         let mut scene = Self {
@@ -105,7 +110,7 @@ impl Scene {
             cut: false,
             commanding: false,
             begins: false,
-            middle: Options::new(series).q,
+            middle: ControllerOptions::new(series).q,
             since_s: 0.0,
             swing_rad: 0.2,
             newest: None,
@@ -179,7 +184,8 @@ impl Scene {
 
     fn package(&self) -> Package {
         let version = usual_version(self.series);
-        let read = |name: &str| Source::of(name, (version.major, version.minor)).unwrap().0.read(&self.world);
+        let read =
+            |name: &str| OutputSource::of(name, (version.major, version.minor)).unwrap().0.read(&self.world);
         let int = |name: &str| read(name).int32().unwrap();
         let six = |name: &str| read(name).vector6d().unwrap();
         let one = |name: &str| read(name).double().unwrap();
@@ -195,14 +201,15 @@ impl Scene {
             runtime_state: read("runtime_state").uint32().unwrap(),
             speed_scaling: one("speed_scaling"),
             target_speed_fraction: one("target_speed_fraction"),
-            answer: Answer::from_words(words.try_into().unwrap()),
+            answer: ProgramAnswer::from_words(words.try_into().unwrap()),
         }
     }
 
-    fn arrive(&mut self, inputs: &Inputs) {
+    fn arrive(&mut self, inputs: &RegisterInputs) {
         let names = self.program.registers.input_names();
-        let doubles = inputs.q.iter().chain(&inputs.qd).map(|value| Value::Double(*value));
-        let values = [Value::Int32(inputs.counter), Value::Int32(inputs.leave)].into_iter().chain(doubles);
+        let doubles = inputs.q.iter().chain(&inputs.qd).map(|value| RtdeValue::Double(*value));
+        let values =
+            [RtdeValue::Int32(inputs.counter), RtdeValue::Int32(inputs.permit)].into_iter().chain(doubles);
         let cycle = self.world.robot.cycle;
         for (name, value) in names.iter().zip(values) {
             let (slot, _) = self.world.inputs.free(name, OWNER).unwrap();
@@ -238,11 +245,11 @@ impl Scene {
     }
 
     pub(super) fn phase(&self) -> Phase {
-        self.pilot.as_ref().unwrap().machine().phase()
+        self.pilot.as_ref().unwrap().machine.phase()
     }
 
-    pub(super) fn reason(&self) -> Option<Reason> {
-        self.pilot.as_ref().unwrap().machine().reason()
+    pub(super) fn reason(&self) -> Option<HaltReason> {
+        self.pilot.as_ref().unwrap().machine.reason()
     }
 
     /// Arms the daemon where the arm stands; it swings half a second later.

@@ -5,18 +5,19 @@
 
 use std::time::{Duration, Instant};
 
-use foretrace_client::{JOINTS, JointCommand, Mode, command_flags, monotonic_now_ns};
+use foretrace_client::wire::command_flags;
+use foretrace_client::{JOINTS, JointCommand, Mode, monotonic_now_ns};
 use foretrace_config::Config;
 
 use foretrace_ur::bridge::address::Addresses;
 use foretrace_ur::bridge::link::Link;
 use foretrace_ur::bridge::pilot::Pilot;
-use foretrace_ur::bridge::program::Program;
+use foretrace_ur::bridge::program::BridgeProgram;
 use foretrace_ur::bridge::reaction::Phase;
-use foretrace_ur::bridge::reason::Reason;
-use foretrace_ur::bridge::registers::Registers;
-use foretrace_ur::rtde::{Client, Value};
-use foretrace_ur_sim::{Controller, Options, Series, Service};
+use foretrace_ur::bridge::reason::HaltReason;
+use foretrace_ur::bridge::registers::RegisterMap;
+use foretrace_ur::rtde::{RtdeClient, RtdeValue};
+use foretrace_ur_sim::{Controller, ControllerOptions, Series, Service};
 
 const LONG: Duration = Duration::from_secs(60);
 /// Of the CB3, the only one that moves here.
@@ -24,14 +25,14 @@ const CYCLE_S: f64 = 0.008;
 
 /// Somebody else, who sees joints and times.
 struct Watcher {
-    client: Client,
+    client: RtdeClient,
     seen: Vec<(f64, [f64; JOINTS])>,
 }
 
 impl Watcher {
     fn look(&mut self) {
         while let Ok(Some(package)) = self.client.receive(Duration::from_millis(1)) {
-            let [Value::Double(t), Value::Vector6d(q)] = package.values[..] else { panic!() };
+            let [RtdeValue::Double(t), RtdeValue::Vector6d(q)] = package.values[..] else { panic!() };
             self.seen.push((t, q));
             if self.seen.len().is_multiple_of(8) {
                 return;
@@ -71,12 +72,12 @@ struct Scene {
 
 impl Scene {
     fn new(series: Series) -> Self {
-        let options = Options { ephemeral_ports: true, ..Options::new(series) };
+        let options = ControllerOptions { ephemeral_ports: true, ..ControllerOptions::new(series) };
         let controller = Controller::start(options).unwrap();
         let preset = if series == Series::E { "ur5e" } else { "ur5" };
         let text = format!("preset = \"{preset}\"\n[loop]\nvalid_periods = 50\n");
         let config = Config::parse(&text, "t.toml", ".").unwrap();
-        let mut client = Client::connect(controller.address(Service::Rtde).unwrap(), LONG).unwrap();
+        let mut client = RtdeClient::connect(controller.address(Service::Rtde).unwrap(), LONG).unwrap();
         client.set_up_outputs(&["timestamp", "actual_q"], 125.0).unwrap();
         client.start().unwrap();
         let watcher = Watcher { client, seen: Vec::new() };
@@ -104,7 +105,7 @@ impl Scene {
         };
         let (limits, cycle_s) = (self.config.robot().limits, self.series.cycle_s());
         let section = &self.config.settings().robot.ur;
-        let program = Program::new(section, &limits, Registers::at(24).unwrap(), cycle_s);
+        let program = BridgeProgram::new(section, &limits, RegisterMap::at(24).unwrap(), cycle_s);
         let mut pilot = Pilot::new(limits, cycle_s, 0.1, None, seed << 24);
         pilot.settings_agree(Some(true));
         self.link = Some(Link::new(addresses, program, pilot, true, Box::new(|_| Ok(None))).unwrap());
@@ -172,7 +173,7 @@ impl Scene {
         assert!(most < 42.0, "{when}: {most} rad/s²");
     }
 
-    fn reason(&self) -> Option<Reason> {
+    fn reason(&self) -> Option<HaltReason> {
         self.link.as_ref().and_then(Link::reason)
     }
 }
@@ -213,7 +214,7 @@ fn a_bridge_that_dies_or_stands_still_leaves_an_arm_that_stops() {
     scene.link = asleep;
     scene.until(|scene| !scene.commanding);
     assert!(
-        matches!(scene.reason(), Some(Reason::CountersLate | Reason::StoppedByWatchdog)),
+        matches!(scene.reason(), Some(HaltReason::CountersLate | HaltReason::StoppedByWatchdog)),
         "{:?}",
         scene.reason()
     );
@@ -232,7 +233,7 @@ fn a_network_that_is_cut_and_a_controller_that_reboots_are_come_back_from() {
     scene.controller.obey("reboot");
     scene.until(|scene| scene.reason().is_some());
     scene.commanding = false;
-    scene.until(|scene| scene.reason() == Some(Reason::NotRunning));
+    scene.until(|scene| scene.reason() == Some(HaltReason::NotRunning));
 }
 
 #[test]
@@ -240,11 +241,11 @@ fn local_control_and_a_service_that_is_off_are_told_apart() {
     // Only the e-Series tells remote from local control.
     let mut scene = Scene::new(Series::E);
     scene.controller.obey("remote off");
-    scene.until(|scene| scene.reason() == Some(Reason::LocalControl));
+    scene.until(|scene| scene.reason() == Some(HaltReason::LocalControl));
     scene.controller.obey("remote on");
     scene.ready();
     scene.controller.obey("service rtde off");
-    scene.until(|scene| scene.reason() == Some(Reason::ServiceOff));
+    scene.until(|scene| scene.reason() == Some(HaltReason::ServiceOff));
     scene.controller.obey("service rtde on");
     scene.ready();
 }

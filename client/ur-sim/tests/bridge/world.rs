@@ -7,9 +7,9 @@ use proptest::prelude::*;
 
 use super::scene::{Scene, Watched};
 use foretrace_ur::bridge::reaction::Phase;
-use foretrace_ur::bridge::reason::Reason;
+use foretrace_ur::bridge::reason::HaltReason;
 use foretrace_ur_sim::options::Series;
-use foretrace_ur_sim::safety::Stopped;
+use foretrace_ur_sim::safety::ProtectiveReason;
 use foretrace_ur_sim::world::World;
 
 #[test]
@@ -30,7 +30,7 @@ fn a_swing_is_followed_as_late_as_servoj_is_and_no_counter_is_lost() {
         assert!((0.028..=0.048).contains(&lag), "{series:?}: {lag} s");
         assert!(error(lag).sqrt() < 2e-3, "{series:?}: {} rad beside the lag", error(lag).sqrt());
         let pilot = scene.pilot.as_ref().unwrap();
-        assert_eq!((pilot.trips().late(), pilot.trips().lost(), pilot.trips().usual()), (0, 0, 1));
+        assert_eq!((pilot.trips.late(), pilot.trips.lost(), pilot.trips.usual()), (0, 0, 1));
         scene.within_limits("");
     }
 }
@@ -54,13 +54,13 @@ fn a_bridge_that_dies_leaves_an_arm_that_stops_and_a_new_bridge_takes_over() {
 }
 
 /// Something goes wrong; then an operator puts it right.
-type Row = (&'static str, fn(&mut Scene), Reason, fn(&mut Scene));
+type Row = (&'static str, fn(&mut Scene), HaltReason, fn(&mut Scene));
 
 const ROWS: [Row; 9] = [
     (
         "protective stop",
-        |s| s.world.robot.protective_stop(Stopped::Asked),
-        Reason::ProtectiveStop,
+        |s| s.world.robot.protective_stop(ProtectiveReason::Asked),
+        HaltReason::ProtectiveStop,
         |s| {
             s.run(6.0);
             let cycle = s.world.robot.cycle;
@@ -70,7 +70,7 @@ const ROWS: [Row; 9] = [
     (
         "emergency stop",
         |s| s.world.robot.emergency_stop(),
-        Reason::EmergencyStop,
+        HaltReason::EmergencyStop,
         |s| {
             s.world.robot.safety.emergency = false;
             s.world.power_on();
@@ -82,19 +82,19 @@ const ROWS: [Row; 9] = [
     (
         "safeguard stop",
         |s| s.world.robot.safeguard_stop(),
-        Reason::SafeguardStop,
+        HaltReason::SafeguardStop,
         |s| {
             s.world.robot.safety.safeguard = false;
             s.world.play();
         },
     ),
-    ("slider at half", |s| s.world.robot.slider = 0.5, Reason::Slowed, |s| s.world.robot.slider = 1.0),
+    ("slider at half", |s| s.world.robot.slider = 0.5, HaltReason::Slowed, |s| s.world.robot.slider = 1.0),
     (
         "pause",
         |s| {
             s.world.pause();
         },
-        Reason::Paused,
+        HaltReason::Paused,
         |s| {
             s.world.play();
         },
@@ -102,7 +102,7 @@ const ROWS: [Row; 9] = [
     (
         "power off",
         |s| brakes_engage(s, World::power_off),
-        Reason::NotRunning,
+        HaltReason::NotRunning,
         |s| {
             s.world.power_on();
             s.run(5.0);
@@ -113,7 +113,7 @@ const ROWS: [Row; 9] = [
     (
         "reboot",
         |s| brakes_engage(s, World::reboot),
-        Reason::NotRunning,
+        HaltReason::NotRunning,
         |s| {
             s.world.power_on();
             s.run(5.0);
@@ -121,8 +121,8 @@ const ROWS: [Row; 9] = [
             s.run(5.0);
         },
     ),
-    ("cut for 20 cycles", |s| cut(s, 20), Reason::CountersLate, |_| {}),
-    ("cut for so long that the watchdog ends the program", |s| cut(s, 500), Reason::CountersLate, |_| {}),
+    ("cut for 20 cycles", |s| cut(s, 20), HaltReason::CountersLate, |_| {}),
+    ("cut for so long that the watchdog ends the program", |s| cut(s, 500), HaltReason::CountersLate, |_| {}),
 ];
 
 /// The arm's mechanical brakes are nobody's command: what they do is not looked at.
@@ -170,7 +170,7 @@ fn a_program_that_the_operator_stops_stays_stopped() {
     let mut scene = Scene::following(Series::Cb3);
     scene.world.stop();
     scene.run(10.0);
-    assert_eq!(scene.reason(), Some(Reason::StoppedByOperator));
+    assert_eq!(scene.reason(), Some(HaltReason::StoppedByOperator));
     assert!(scene.watched.rests());
     scene.within_limits("");
 }
@@ -183,7 +183,7 @@ fn a_program_that_starves_while_it_waits_is_no_operators_stop() {
         // A little more than the watchdog's tenth of a second.
         cut(&mut scene, (0.15 / series.cycle_s()) as usize);
         scene.run(3.0);
-        assert_eq!((scene.phase(), scene.reason()), (Phase::Ready, Some(Reason::StoppedByWatchdog)));
+        assert_eq!((scene.phase(), scene.reason()), (Phase::Ready, Some(HaltReason::StoppedByWatchdog)));
     }
 }
 
@@ -201,11 +201,11 @@ fn a_daemon_that_dies_leaves_an_arm_at_rest_and_the_program_ready() {
 fn a_dead_bridge_in_local_control_is_followed_once_control_is_remote() {
     let mut scene = Scene::new(Series::E);
     scene.world.remote = false;
-    scene.pilot.as_mut().unwrap().remote_control(Some(false));
+    scene.pilot.as_mut().unwrap().machine.remote_control(Some(false));
     scene.run(2.0);
-    assert_eq!(scene.reason(), Some(Reason::LocalControl));
+    assert_eq!(scene.reason(), Some(HaltReason::LocalControl));
     scene.world.remote = true;
-    scene.pilot.as_mut().unwrap().remote_control(Some(true));
+    scene.pilot.as_mut().unwrap().machine.remote_control(Some(true));
     scene.run(2.0);
     assert_eq!(scene.phase(), Phase::Ready);
 }

@@ -20,7 +20,7 @@ fn a_loop_that_never_waits_is_an_error_but_a_long_calculation_is_not() {
     let text = "i = 0\nwhile i < 20000:\n  i = i + 1\nend\ntextmsg(i)";
     let mut machine = Recorder::default();
     assert_eq!(machine.run(text, 90), Progress::Finished);
-    assert_eq!(machine.said(), ["20000"]);
+    assert_eq!(machine.content(), ["20000"]);
     assert!(machine.cycle > 5, "it took {} cycles", machine.cycle);
     assert_eq!(error("while True:\nend").2, "an infinite loop: it neither moves nor calls sync or sleep");
 }
@@ -133,7 +133,7 @@ fn numbers_end_where_floats_end() {
         machine.run("textmsg(1e308 * 10)\ntextmsg(99999999999)\ntextmsg(-(-2147483647 - 1))", 1),
         Progress::Finished
     );
-    assert_eq!(machine.said(), ["inf", "99999999999.0", "2147483648.0"]);
+    assert_eq!(machine.content(), ["inf", "99999999999.0", "2147483648.0"]);
 }
 
 /// What is made within a cycle is paid for, so that large values make fewer instructions, not longer cycles.
@@ -163,6 +163,6 @@ fn a_product_of_matrices_is_bounded_as_it_cannot_be_interrupted() {
     let square = |n: u32| format!("a = make_list({n}, make_list({n}, 1.5))\nb = a * a\ntextmsg(b[0, 0])");
     let mut machine = Recorder::default();
     assert_eq!(machine.run(&square(32), 20), Progress::Finished);
-    assert_eq!(machine.said(), ["72.0"]);
+    assert_eq!(machine.content(), ["72.0"]);
     fails(&square(33), "a product of matrices takes at most 32768 multiplications");
 }

@@ -1,12 +1,12 @@
-//! Errors: what is refused when a program is read, when it is loaded and when it runs, each with its place.
+//! Errors: what is refused when a program is read, when it is loaded and when it runs, with positions.
 
-use crate::machine::{Recorder, error, said};
-use foretrace_ur_sim::script::{Program, Run};
+use crate::machine::{Recorder, content, error};
+use foretrace_ur_sim::script::{Program, ScriptRun};
 
 #[track_caller]
 fn refused(text: &str, line: u32, column: u32, message: &str) {
     let error = Program::parse(text).expect_err(text);
-    assert_eq!((error.line, error.column, error.message.as_str()), (line, column, message), "{text}");
+    assert_eq!((error.at.line, error.at.column, error.message.as_str()), (line, column, message), "{text}");
 }
 
 #[track_caller]
@@ -66,9 +66,10 @@ end
 ",
     )
     .unwrap();
-    let wanted: Vec<_> = program.wanted().map(|(name, place)| (name, place.line, place.column)).collect();
+    let wanted: Vec<_> =
+        program.wanted().map(|(name, position)| (name, position.line, position.column)).collect();
     assert_eq!(wanted, [("fly_away", 3, 5)]);
-    let error = Run::new(&program, &Recorder::default()).expect_err("fly_away is not there");
+    let error = ScriptRun::new(&program, &Recorder::default()).expect_err("fly_away is not there");
     assert_eq!(error.to_string(), "line 3, column 5: there is no function fly_away");
 }
 
@@ -111,5 +112,5 @@ end";
 #[test]
 fn columns_count_letters_and_lines_count_from_one() {
     refused("# Größe µ\n  x = \"é\" $\n", 2, 11, "the character '$' means nothing here");
-    assert_eq!(said("textmsg(\"Größe µ\")"), ["Größe µ"]);
+    assert_eq!(content("textmsg(\"Größe µ\")"), ["Größe µ"]);
 }

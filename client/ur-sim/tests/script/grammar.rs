@@ -1,7 +1,7 @@
 //! Programs made by chance that keep to the grammar: they are read, and then run into whatever they run into.
 
 use crate::machine::Recorder;
-use foretrace_ur_sim::script::{Program, Progress, Run};
+use foretrace_ur_sim::script::{Program, Progress, ScriptRun};
 use proptest::prelude::*;
 use std::fmt::Write as _;
 
@@ -111,12 +111,12 @@ proptest! {
         let program = Program::parse(&text);
         prop_assert!(program.is_ok(), "{:?}\n{text}", program);
         let mut machine = Recorder::default();
-        let mut run = Run::new(&program.unwrap(), &machine).unwrap();
+        let mut run = ScriptRun::new(&program.unwrap(), &machine).unwrap();
         for _ in 0..20 {
             let progress = run.cycle(&mut machine);
             prop_assert!(run.threads() <= 32);
             if let Progress::Failed(error) = &progress {
-                let line = usize::try_from(error.line).unwrap();
+                let line = usize::try_from(error.at.line).unwrap();
                 prop_assert!((1..=text.lines().count() + 1).contains(&line), "{error}\n{text}");
                 prop_assert!(!error.message.contains("lost count"), "{error}\n{text}");
             }

@@ -1,14 +1,14 @@
 //! Scripts that nobody would write: whatever comes, there is an answer, and it comes soon.
 
 use crate::machine::Recorder;
-use foretrace_ur_sim::script::{Program, Progress, Run};
+use foretrace_ur_sim::script::{Program, Progress, ScriptRun};
 use proptest::prelude::*;
 
 /// Reads a text and, if it is a program, runs it for some cycles.
 fn survive(text: &str) {
     if let Ok(program) = Program::parse(text) {
         let mut machine = Recorder::default();
-        if let Ok(mut run) = Run::new(&program, &machine) {
+        if let Ok(mut run) = ScriptRun::new(&program, &machine) {
             for _ in 0..5 {
                 if run.cycle(&mut machine) != Progress::Running {
                     break;
@@ -137,7 +137,7 @@ fn every_beginning_of_a_program_is_answered() {
     }
 }
 
-/// A place in the program, how much goes there, and the word that comes instead.
+/// A position in the program, how much goes there, and the word that comes instead.
 fn change() -> impl Strategy<Value = (usize, usize, &'static str)> {
     (0..WHOLE.len(), 0_usize..12, prop::sample::select(&WORDS[..]))
 }
@@ -166,7 +166,7 @@ proptest! {
         survive(&text);
     }
 
-    /// Whole lines keep their place in the grammar, so these mutants run further.
+    /// Whole lines keep their position in the grammar, so these mutants run further.
     #[test]
     fn shuffled_lines_are_answered(moves in prop::collection::vec((0_usize..40, 0_usize..40), 1..6)) {
         let mut lines: Vec<&str> = WHOLE.lines().collect();

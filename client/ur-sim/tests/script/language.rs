@@ -1,6 +1,6 @@
 //! What the language does: values, operators, functions, scopes, conditions and loops.
 
-use crate::machine::{said, value};
+use crate::machine::{content, value};
 
 #[test]
 fn operators_bind_as_in_arithmetic() {
@@ -70,7 +70,7 @@ textmsg(m[1, 0] + m[0][1])
 textmsg(m)
 ";
     assert_eq!(
-        said(program),
+        content(program),
         ["[1, 20, 3][1, 2, 3]", "3", "p[0.1, 0.2, 4.0, 0.0, 0.0, 0.0]0.1", "32", "[[1, 2], [30, 4]]"]
     );
 }
@@ -78,7 +78,7 @@ textmsg(m)
 #[test]
 fn a_variable_may_be_called_p() {
     assert_eq!(
-        said("p = [1, 2]\np[0] = 5\ntextmsg(p[0] + p[1])\nm = p[p[0],0,0,0,0,0]\ntextmsg(m)"),
+        content("p = [1, 2]\np[0] = 5\ntextmsg(p[0] + p[1])\nm = p[p[0],0,0,0,0,0]\ntextmsg(m)"),
         ["7", "p[5.0, 0.0, 0.0, 0.0, 0.0, 0.0]"]
     );
 }
@@ -96,7 +96,7 @@ if True or f(False):
   textmsg("right")
 end
 "#;
-    assert_eq!(said(program), ["right"]);
+    assert_eq!(content(program), ["right"]);
 }
 
 #[test]
@@ -117,7 +117,7 @@ end
 textmsg(f({x}))"#
         )
     };
-    assert_eq!([-1, 0, 1, 2].map(|x| said(&program(x)).concat()), ["below", "zero", "one", "above"]);
+    assert_eq!([-1, 0, 1, 2].map(|x| content(&program(x)).concat()), ["below", "zero", "one", "above"]);
 }
 
 #[test]
@@ -141,7 +141,7 @@ while True:
   end
 end
 textmsg("end")"#;
-    assert_eq!(said(program), ["12", "34", "end"]);
+    assert_eq!(content(program), ["12", "34", "end"]);
 }
 
 #[test]
@@ -153,7 +153,7 @@ textmsg(f(1))
 textmsg(f(1, 2))
 textmsg(f(1, c=3))
 textmsg(f(c=3, a=1))";
-    assert_eq!(said(program), ["[1, 10, 11]", "[1, 2, 3]", "[1, 10, 3]", "[1, 10, 3]"]);
+    assert_eq!(content(program), ["[1, 10, 11]", "[1, 2, 3]", "[1, 10, 3]", "[1, 10, 3]"]);
 }
 
 #[test]
@@ -181,12 +181,12 @@ fn functions_call_themselves_and_each_other_wherever_they_stand() {
   textmsg(fact(10))
 end
 ";
-    assert_eq!(said(program), ["TrueFalse", "3628800"]);
+    assert_eq!(content(program), ["TrueFalse", "3628800"]);
 }
 
 #[test]
 fn a_function_without_return_gives_none() {
-    assert_eq!(said("def f():\n  x = 1\nend\ntextmsg(f())"), ["None"]);
+    assert_eq!(content("def f():\n  x = 1\nend\ntextmsg(f())"), ["None"]);
 }
 
 /// The examples of the script manual's page on scoping rules, in its order.
@@ -202,9 +202,9 @@ fn variables_have_the_scopes_that_the_manual_gives_them() {
   textmsg(a)
 end
 "#;
-    assert_eq!(said(local), ["1", "0"]);
+    assert_eq!(content(local), ["1", "0"]);
     let free = "def program():\n  global a = 0\n  def f():\n    a = 1\n  end\n  f()\n  textmsg(a)\nend";
-    assert_eq!(said(free), ["1"]);
+    assert_eq!(content(free), ["1"]);
     let nested = r#"def program():
   global a = 0
   def f():
@@ -219,11 +219,11 @@ end
   textmsg(a)
 end
 "#;
-    assert_eq!(said(nested), ["1", "2"]);
+    assert_eq!(content(nested), ["1", "2"]);
     for first in ["a = 0", "local a = 0", "if True:\n    a = 0\n  end"] {
         let text =
             format!("def program():\n  {first}\n  def f():\n    a = 1\n  end\n  f()\n  textmsg(a)\nend");
-        assert_eq!(said(&text), ["1"], "{first}");
+        assert_eq!(content(&text), ["1"], "{first}");
     }
 }
 
@@ -242,7 +242,7 @@ fn a_global_may_be_made_in_a_function_and_a_parameter_masks_one() {
   textmsg(made)
 end
 "#;
-    assert_eq!(said(program), ["3"]);
+    assert_eq!(content(program), ["3"]);
 }
 
 #[test]
@@ -255,7 +255,7 @@ fn locals_of_a_call_are_its_own() {
   textmsg(mine)
 end
 f(2)";
-    assert_eq!(said(program), ["0", "1", "2"]);
+    assert_eq!(content(program), ["0", "1", "2"]);
 }
 
 #[test]
@@ -263,7 +263,7 @@ fn text_is_laid_out_freely() {
     let program = "  # a comment\n\n$ 1 \"Robot Program\"\n\ttextmsg(\"a # b\", # not the end\n\t\t1,\n   \
                    2)\r\n\
                    x = 1 +\n  2\nif (x == 3 or\n    False):\n textmsg('x')\nend";
-    assert_eq!(said(program), ["a # b12", "x"]);
+    assert_eq!(content(program), ["a # b12", "x"]);
 }
 
 /// Newlines separate less than they seem to: `ur_rtde` sends such a program.
@@ -276,13 +276,13 @@ fn a_value_may_stand_below_its_variable_and_a_statement_beside_another() {
   if c == 3: textmsg("three") end
 end
 "#;
-    assert_eq!(said(program), ["3", "three"]);
+    assert_eq!(content(program), ["3", "three"]);
 }
 
 #[test]
 fn halt_ends_the_program_wherever_it_stands() {
     assert_eq!(
-        said(
+        content(
             r"def f():
   halt
 end
@@ -297,7 +297,7 @@ textmsg(2)"
 #[test]
 fn named_arguments_reach_the_machine_with_their_names() {
     let program = "servoj([0, 0, 0, 0, 0, 0], t=0.002, lookahead_time=0.1, gain=300)";
-    assert_eq!(said(program), ["servoj [0, 0, 0, 0, 0, 0] t=0.002 lookahead_time=0.1 gain=300"]);
+    assert_eq!(content(program), ["servoj [0, 0, 0, 0, 0, 0] t=0.002 lookahead_time=0.1 gain=300"]);
 }
 
 #[test]

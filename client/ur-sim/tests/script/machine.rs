@@ -1,6 +1,6 @@
 //! A machine for tests: it knows a few functions, keeps what it was asked, and moves nothing.
 
-use foretrace_ur_sim::script::{Call, Called, Machine, Program, Progress, Run, ThreadId, Value};
+use foretrace_ur_sim::script::{Called, Machine, MachineCall, Program, Progress, ScriptRun, ThreadId, Value};
 use std::collections::HashMap;
 
 /// Every call that was answered, as text, with the cycle and the thread's number.
@@ -21,7 +21,7 @@ impl Machine for Recorder {
         KNOWN.contains(&name)
     }
 
-    fn call(&mut self, call: &Call<'_>) -> Called {
+    fn call(&mut self, call: &MachineCall<'_>) -> Called {
         let number = |at: usize| call.arguments.positional.get(at).and_then(Value::as_integer);
         let answer = match call.name {
             "sync" | "servoj" => Called::Cycle(Value::None),
@@ -76,7 +76,7 @@ impl Recorder {
             Ok(program) => program,
             Err(error) => return Progress::Failed(error),
         };
-        let mut run = match Run::new(&program, self) {
+        let mut run = match ScriptRun::new(&program, self) {
             Ok(run) => run,
             Err(error) => return Progress::Failed(error),
         };
@@ -91,31 +91,31 @@ impl Recorder {
     }
 
     /// What `textmsg` said.
-    pub(crate) fn said(&self) -> Vec<&str> {
+    pub(crate) fn content(&self) -> Vec<&str> {
         self.calls.iter().map(|(_, _, told)| told.trim()).collect()
     }
 }
 
 /// What a program that ends within 100 cycles says with `textmsg`.
 #[track_caller]
-pub(crate) fn said(text: &str) -> Vec<String> {
+pub(crate) fn content(text: &str) -> Vec<String> {
     let mut machine = Recorder::default();
     let progress = machine.run(text, 100);
     assert_eq!(progress, Progress::Finished, "{text}");
-    machine.said().into_iter().map(str::to_owned).collect()
+    machine.content().into_iter().map(str::to_owned).collect()
 }
 
 /// The value of an expression, as text.
 #[track_caller]
 pub(crate) fn value(expression: &str) -> String {
-    said(&format!("textmsg({expression})")).concat()
+    content(&format!("textmsg({expression})")).concat()
 }
 
 /// The error of a program that must fail: line, column, message.
 #[track_caller]
 pub(crate) fn error(text: &str) -> (u32, u32, String) {
     match Recorder::default().run(text, 300) {
-        Progress::Failed(error) => (error.line, error.column, error.message),
+        Progress::Failed(error) => (error.at.line, error.at.column, error.message),
         other => panic!("{other:?} instead of an error: {text}"),
     }
 }

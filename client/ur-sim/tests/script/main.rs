@@ -1,6 +1,6 @@
 //! The interpreter of URScript from outside: what scripts do, on a machine that is itself a script.
 
-#[path = "../../../ur/src/fuzz.rs"]
+#[path = "../../../ur/src/tests/fuzz.rs"]
 mod fuzz;
 mod machine;
 mod language;

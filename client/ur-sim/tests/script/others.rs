@@ -3,7 +3,7 @@
 //! skipped.
 
 use foretrace_ur_sim::script::{
-    Call, Called, List, Machine, Program, Progress, Run, ThreadId, Uploads, Value,
+    Called, List, Machine, MachineCall, Program, Progress, ScriptRun, ThreadId, Uploads, Value,
 };
 use std::collections::HashMap;
 use std::path::PathBuf;
@@ -19,7 +19,7 @@ struct Robot {
     waited: HashMap<ThreadId, u32>,
     /// What the reverse socket of the client library brings, if anything.
     socket: Option<Vec<i32>>,
-    said: Vec<String>,
+    content: Vec<String>,
 }
 
 impl Machine for Robot {
@@ -27,7 +27,7 @@ impl Machine for Robot {
         true
     }
 
-    fn call(&mut self, call: &Call<'_>) -> Called {
+    fn call(&mut self, call: &MachineCall<'_>) -> Called {
         let argument = |at: usize| call.arguments.positional.get(at);
         let register = argument(0).and_then(Value::as_integer).unwrap_or(-1);
         match call.name {
@@ -50,7 +50,7 @@ impl Machine for Robot {
                 Called::Value(Value::floats(&[0.0; 6]))
             }
             "textmsg" => {
-                self.said.extend(argument(0).map(ToString::to_string));
+                self.content.extend(argument(0).map(ToString::to_string));
                 Called::Value(Value::None)
             }
             "socket_open" => Called::Value(Value::Bool(true)),
@@ -108,7 +108,7 @@ fn programs(name: &str) -> Vec<(PathBuf, String)> {
 
 struct Client {
     robot: Robot,
-    run: Run,
+    run: ScriptRun,
 }
 
 impl Client {
@@ -149,7 +149,7 @@ fn the_program_of_ur_rtde_moves_servos_speeds_and_stops() {
         let program = Program::parse(&text).unwrap();
         assert_eq!(program.name(), "rtde_control");
         let robot = Robot::default();
-        let run = Run::new(&program, &robot).unwrap();
+        let run = ScriptRun::new(&program, &robot).unwrap();
         let mut client = Client { robot, run };
         client.cycles(1);
         assert_eq!(client.robot.output_integers.get(&0), Some(&1), "ready after the first cycle");
@@ -205,7 +205,7 @@ fn the_program_of_the_client_library_servos_and_extrapolates() {
         eprintln!("{}", path.display());
         let program = Program::parse(&text).unwrap();
         let robot = Robot::default();
-        let run = Run::new(&program, &robot).unwrap();
+        let run = ScriptRun::new(&program, &robot).unwrap();
         let mut client = Client { robot, run };
         client.cycles(1);
         // Eight numbers: time limit [ms], joints [1e-6 rad], mode 1 (servoj); before them their count.
@@ -221,7 +221,7 @@ fn the_program_of_the_client_library_servos_and_extrapolates() {
         // Mode -2 ends the program.
         client.robot.socket = Some(vec![8, 20, 0, 0, 0, 0, 0, 0, -2]);
         let end = (0..20).map(|_| client.run.cycle(&mut client.robot)).find(|p| *p != Progress::Running);
-        assert_eq!(end, Some(Progress::Finished), "{:?}", client.robot.said);
+        assert_eq!(end, Some(Progress::Finished), "{:?}", client.robot.content);
     }
 }
 
@@ -231,7 +231,7 @@ fn every_program_of_the_folder_is_read() {
         let program = Program::parse(&text).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
         assert!(!program.name().is_empty(), "{}", path.display());
         let robot = Robot::default();
-        assert!(Run::new(&program, &robot).is_ok());
+        assert!(ScriptRun::new(&program, &robot).is_ok());
         assert_eq!(Uploads::default().take(text.as_bytes()), Ok(vec![text]), "{}", path.display());
     }
 }

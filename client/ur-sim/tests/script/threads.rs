@@ -1,7 +1,7 @@
 //! Threads: how they share a cycle, and how they end.
 
-use crate::machine::{Recorder, said};
-use foretrace_ur_sim::script::{Program, Progress, Run, ThreadId, Value};
+use crate::machine::{Recorder, content};
+use foretrace_ur_sim::script::{Program, Progress, ScriptRun, ThreadId, Value};
 
 /// One thread servos, the other watches a register: the loop that streaming clients are made of.
 #[test]
@@ -31,7 +31,7 @@ end
 ";
     let mut machine = Recorder::default();
     let program = Program::parse(text).unwrap();
-    let mut run = Run::new(&program, &machine).unwrap();
+    let mut run = ScriptRun::new(&program, &machine).unwrap();
     for cycle in 1..=5 {
         machine.cycle = cycle;
         machine
@@ -49,7 +49,7 @@ end
     assert_eq!(servo, wanted);
     machine.cycle = 6;
     assert_eq!(run.cycle(&mut machine), Progress::Finished);
-    assert_eq!(machine.said().last(), Some(&"done"));
+    assert_eq!(machine.content().last(), Some(&"done"));
     assert_eq!(machine.ended, [1, 0]);
 }
 
@@ -100,7 +100,7 @@ end
 "#;
     let mut machine = Recorder::default();
     assert_eq!(machine.run(text, 20), Progress::Finished);
-    assert_eq!(machine.said(), ["sync", "t", "sync", "killed", "sync", "sync", "True"]);
+    assert_eq!(machine.content(), ["sync", "t", "sync", "killed", "sync", "sync", "True"]);
     assert_eq!(machine.ended, [1, 0]);
 }
 
@@ -118,7 +118,7 @@ fn a_thread_may_kill_itself() {
   textmsg("gone")
 end
 "#;
-    assert_eq!(said(text), ["sync", "gone"]);
+    assert_eq!(content(text), ["sync", "gone"]);
 }
 
 #[test]
@@ -195,7 +195,7 @@ fn threads_have_variables_of_their_own_and_see_those_of_the_program() {
   join b
 end
 "#;
-    let told: Vec<String> = said(text).into_iter().filter(|told| told != "sync").collect();
+    let told: Vec<String> = content(text).into_iter().filter(|told| told != "sync").collect();
     // Both started after the program had gone on to its first `join`.
     assert_eq!(told, ["2040", "2142"]);
 }
@@ -230,7 +230,7 @@ end
 "#;
     let mut machine = Recorder::default();
     assert_eq!(machine.run(text, 20), Progress::Finished);
-    assert_eq!(machine.said().last(), Some(&"other"));
+    assert_eq!(machine.content().last(), Some(&"other"));
     // The parent, its children and their children, long before the program's end.
     let mut killed = machine.ended[..5].to_vec();
     killed.sort_unstable();
@@ -263,9 +263,9 @@ end
 "#
         )
     };
-    let told = said(&section("enter_critical", "exit_critical"));
+    let told = content(&section("enter_critical", "exit_critical"));
     assert!(told.iter().all(|told| ["3000", "sync", "end"].contains(&told.as_str())), "{told:?}");
-    let told = said(&section("pass", "pass"));
+    let told = content(&section("pass", "pass"));
     assert!(told.iter().any(|told| !["3000", "sync", "end"].contains(&told.as_str())), "{told:?}");
 }
 
@@ -287,7 +287,7 @@ end
 "#;
     let mut machine = Recorder::default();
     assert_eq!(machine.run(text, 20), Progress::Finished);
-    assert_eq!(machine.said(), ["sync", "in", "movej 5"]);
+    assert_eq!(machine.content(), ["sync", "in", "movej 5"]);
 }
 
 #[test]
@@ -308,7 +308,7 @@ fn a_run_may_go_to_another_operating_system_thread() {
     fn goes<T: Send>(_: &T) {}
     let program = Program::parse("sync()").unwrap();
     goes(&program);
-    goes(&Run::new(&program, &Recorder::default()).unwrap());
+    goes(&ScriptRun::new(&program, &Recorder::default()).unwrap());
 }
 
 #[test]
@@ -324,7 +324,7 @@ fn stopping_from_outside_tells_the_machine_and_stays() {
 end",
     )
     .unwrap();
-    let mut run = Run::new(&program, &machine).unwrap();
+    let mut run = ScriptRun::new(&program, &machine).unwrap();
     assert_eq!(run.cycle(&mut machine), Progress::Running);
     assert_eq!((run.threads(), run.line()), (2, 6));
     run.stop(&mut machine);

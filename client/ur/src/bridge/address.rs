@@ -51,7 +51,6 @@ impl Addresses {
         }
     }
 
-    /// The host.
     #[must_use]
     pub const fn ip(&self) -> IpAddr {
         self.rtde.ip()

@@ -14,7 +14,7 @@ pub use crate::series::Series;
 
 /// Why the bridge does not begin.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum Refusal {
+pub enum CheckRefusal {
     /// PolyScope X.
     #[error(
         "the controller runs PolyScope X ({0}), which foretrace cannot drive yet; \
@@ -116,13 +116,13 @@ impl Series {
     /// # Errors
     ///
     /// PolyScope X, versions too old, and unknown ones.
-    pub const fn of(version: Version) -> Result<Self, Refusal> {
+    pub const fn of(version: Version) -> Result<Self, CheckRefusal> {
         match (version.major, version.minor) {
             (3, 9..) => Ok(Self::Cb3),
             (5, 3..) => Ok(Self::E),
-            (0..=3 | 5, _) => Err(Refusal::TooOld(version)),
-            (10.., _) => Err(Refusal::PolyScopeX(version)),
-            _ => Err(Refusal::Unknown(version)),
+            (0..=3 | 5, _) => Err(CheckRefusal::TooOld(version)),
+            (10.., _) => Err(CheckRefusal::PolyScopeX(version)),
+            _ => Err(CheckRefusal::Unknown(version)),
         }
     }
 
@@ -162,19 +162,19 @@ pub fn installation(
     settings: &Settings,
     position: &[[f64; 2]; JOINTS],
     loopback: bool,
-) -> Vec<Refusal> {
+) -> Vec<CheckRefusal> {
     let mut refused = Vec::new();
     for (joint, (q, [low, high])) in found.q.iter().zip(position).enumerate() {
         if !(*q >= *low && *q <= *high) {
-            refused.push(Refusal::Joint { joint, q: *q, low: *low, high: *high });
+            refused.push(CheckRefusal::Joint { joint, q: *q, low: *low, high: *high });
         }
     }
     let ur = &settings.robot.ur;
     match (found.payload_kg, ur.payload_kg) {
         (Some(found), Some(settings)) if !((found - settings).abs() <= PAYLOAD_KG) => {
-            refused.push(Refusal::Payload { found, settings });
+            refused.push(CheckRefusal::Payload { found, settings });
         }
-        (Some(found), None) if !loopback => refused.push(Refusal::PayloadUnsaid { found }),
+        (Some(found), None) if !loopback => refused.push(CheckRefusal::PayloadUnsaid { found }),
         _ => {}
     }
     if let Some(found) = found.tcp_m {
@@ -182,7 +182,7 @@ pub fn installation(
             ur.tcp_m.map_or(("robot.tool_m", settings.robot.tool_m), |tcp_m| ("robot.ur.tcp_m", tcp_m));
         let apart = distance(&found, &settings);
         if !(apart <= TCP_M) {
-            refused.push(Refusal::Tcp { key, found, settings, apart_mm: apart * 1e3 });
+            refused.push(CheckRefusal::Tcp { key, found, settings, apart_mm: apart * 1e3 });
         }
     }
     refused
@@ -192,10 +192,10 @@ pub fn installation(
 ///
 /// # Errors
 ///
-/// [`Refusal::Model`].
-pub fn model(deviation: Option<&Deviation>, name: Option<&str>) -> Result<(), Refusal> {
+/// [`CheckRefusal::Model`].
+pub fn model(deviation: Option<&Deviation>, name: Option<&str>) -> Result<(), CheckRefusal> {
     match deviation {
-        Some(off) if !(off.most_mm <= ANOTHER_ARM_MM) => Err(Refusal::Model {
+        Some(off) if !(off.most_mm <= ANOTHER_ARM_MM) => Err(CheckRefusal::Model {
             apart_mm: off.most_mm,
             name: name.unwrap_or("one that foretrace does not know").to_owned(),
         }),
@@ -207,12 +207,12 @@ pub fn model(deviation: Option<&Deviation>, name: Option<&str>) -> Result<(), Re
 ///
 /// # Errors
 ///
-/// [`Refusal::Rate`].
-pub const fn rate(series: Series, settings_hz: u32) -> Result<(), Refusal> {
+/// [`CheckRefusal::Rate`].
+pub const fn rate(series: Series, settings_hz: u32) -> Result<(), CheckRefusal> {
     if series.rate_hz() == settings_hz {
         Ok(())
     } else {
-        Err(Refusal::Rate { found: series.rate_hz(), settings: settings_hz })
+        Err(CheckRefusal::Rate { found: series.rate_hz(), settings: settings_hz })
     }
 }
 
@@ -220,9 +220,9 @@ pub const fn rate(series: Series, settings_hz: u32) -> Result<(), Refusal> {
 ///
 /// # Errors
 ///
-/// [`Refusal::NoDeadMan`].
-pub const fn dead_man(host: IpAddr, enable_required: bool, without: bool) -> Result<(), Refusal> {
-    if host.is_loopback() || enable_required || without { Ok(()) } else { Err(Refusal::NoDeadMan(host)) }
+/// [`CheckRefusal::NoDeadMan`].
+pub const fn dead_man(host: IpAddr, enable_required: bool, without: bool) -> Result<(), CheckRefusal> {
+    if host.is_loopback() || enable_required || without { Ok(()) } else { Err(CheckRefusal::NoDeadMan(host)) }
 }
 
 fn distance(a: &[f64; 3], b: &[f64; 3]) -> f64 {
@@ -239,17 +239,17 @@ mod tests {
     }
 
     #[test]
-    fn supported_versions_are_told_from_the_others() {
+    fn supported_versions_are_reported_from_the_others() {
         assert_eq!(Series::of(version(3, 15)), Ok(Series::Cb3));
         assert_eq!(Series::of(version(3, 9)), Ok(Series::Cb3));
         assert_eq!(Series::of(version(5, 3)), Ok(Series::E));
         for old in [version(3, 8), version(5, 2), version(1, 8)] {
-            assert_eq!(Series::of(old), Err(Refusal::TooOld(old)));
+            assert_eq!(Series::of(old), Err(CheckRefusal::TooOld(old)));
         }
         let text = Series::of(version(10, 10)).unwrap_err().to_string();
         assert!(text.contains("PolyScope X (10.10.1.7)") && text.contains("CB3 from 3.9"), "{text}");
-        assert!(matches!(Series::of(version(4, 0)), Err(Refusal::Unknown(_))));
-        assert_eq!(rate(Series::E, 125), Err(Refusal::Rate { found: 500, settings: 125 }));
+        assert!(matches!(Series::of(version(4, 0)), Err(CheckRefusal::Unknown(_))));
+        assert_eq!(rate(Series::E, 125), Err(CheckRefusal::Rate { found: 500, settings: 125 }));
     }
 
     #[test]
@@ -259,11 +259,11 @@ mod tests {
         assert!(!Series::Cb3.tells_remote_control(version(3, 15)));
     }
 
-    fn judged(text: &str, change: impl FnOnce(&mut Installation)) -> Vec<Refusal> {
+    fn judged(text: &str, change: impl FnOnce(&mut Installation)) -> Vec<CheckRefusal> {
         judged_at(text, true, change)
     }
 
-    fn judged_at(text: &str, loopback: bool, change: impl FnOnce(&mut Installation)) -> Vec<Refusal> {
+    fn judged_at(text: &str, loopback: bool, change: impl FnOnce(&mut Installation)) -> Vec<CheckRefusal> {
         let config = Config::parse(&format!("preset = \"ur5\"\n{text}"), "t.toml", ".").unwrap();
         let mut found =
             Installation { q: config.robot().home, payload_kg: Some(0.5), tcp_m: Some([0.0, 0.0, 0.15]) };
@@ -279,7 +279,7 @@ mod tests {
         assert!(text.contains("robot.tool_m = [0.0, 0.0, 0.15]") && text.contains("150.0 mm"), "{text}");
         // A payload that nobody wrote down is one that nobody compared.
         let real = judged_at("", false, |_| {});
-        assert_eq!(real, [Refusal::PayloadUnsaid { found: 0.5 }]);
+        assert_eq!(real, [CheckRefusal::PayloadUnsaid { found: 0.5 }]);
         assert!(real[0].to_string().contains("robot.ur.payload_kg is not set"));
         assert_eq!(judged_at("[robot.ur]\npayload_kg = 0.5\n", false, |_| {}), []);
     }
@@ -296,21 +296,21 @@ mod tests {
 
     #[test]
     fn what_is_near_enough_or_not_told_is_not_refused() {
-        let told = "[robot.ur]\npayload_kg = 0.55\ntcp_m = [0.0, 0.0005, 0.15]\n";
-        assert_eq!(judged(told, |_| {}), []);
+        let reported = "[robot.ur]\npayload_kg = 0.55\ntcp_m = [0.0, 0.0005, 0.15]\n";
+        assert_eq!(judged(reported, |_| {}), []);
         // A version that does not tell cannot be wrong.
-        assert_eq!(judged(told, |found| (found.payload_kg, found.tcp_m) = (None, None)), []);
+        assert_eq!(judged(reported, |found| (found.payload_kg, found.tcp_m) = (None, None)), []);
     }
 
     #[test]
-    fn each_difference_is_told_with_both_values() {
-        let told = "[robot.ur]\npayload_kg = 1.5\ntcp_m = [0.0, 0.0, 0.1]\n";
-        let refused = judged(told, |found| found.q[5] = 7.0);
+    fn each_difference_is_reported_with_both_values() {
+        let reported = "[robot.ur]\npayload_kg = 1.5\ntcp_m = [0.0, 0.0, 0.1]\n";
+        let refused = judged(reported, |found| found.q[5] = 7.0);
         let text = refused.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n");
         assert_eq!(refused.len(), 3, "{text}");
         assert!(text.contains("joint 5 stands at 7.000 rad") && text.contains("0.50 kg"), "{text}");
         assert!(text.contains("50.0 mm"), "{text}");
-        assert_eq!(judged(told, |found| found.payload_kg = Some(f64::NAN)).len(), 2);
+        assert_eq!(judged(reported, |found| found.payload_kg = Some(f64::NAN)).len(), 2);
     }
 
     #[test]

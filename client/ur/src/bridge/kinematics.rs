@@ -8,6 +8,7 @@
 //! comes.
 
 use foretrace_client::JOINTS;
+use foretrace_config::Config;
 use foretrace_control::arm::Chain;
 use foretrace_control::ik::{ToolTarget, solve_pose};
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
@@ -64,7 +65,8 @@ impl DhParameters {
     }
 
     /// Poses of the DH frames 0 to 6 in the base frame.
-    fn frames(&self, q: &[f64; JOINTS]) -> [Isometry3<f64>; JOINTS + 1] {
+    #[must_use]
+    pub fn frames(&self, q: &[f64; JOINTS]) -> [Isometry3<f64>; JOINTS + 1] {
         let mut frames = [Isometry3::identity(); JOINTS + 1];
         let mut at = Isometry3::identity();
         let rows = q.iter().zip(&self.theta).zip(&self.a).zip(&self.d).zip(&self.alpha);
@@ -160,30 +162,25 @@ pub struct Deviation {
     pub height_mm: f64,
 }
 
-/// Compares the tip of `true_tip` with that of `model` over the writing plane, from corner to corner.
-///
-/// `place` turns a point of the plane into the base frame \[m\], `normal` is the plane's normal there, `home`
-/// a posture near it.
-/// `None` where the model reaches no point of the paper.
+/// How far the tip of an arm with kinematics `dh` is from where the model of `config` believes it, over the
+/// writing plane, from corner to corner; `None` where the model reaches no point of the paper.
 #[must_use]
-pub fn deviation(
-    model: &Chain<JOINTS>,
-    true_tip: &dyn Fn(&[f64; JOINTS]) -> Vector3<f64>,
-    corners: &[[f64; 2]; 2],
-    place: &dyn Fn([f64; 2]) -> Vector3<f64>,
-    normal: &Vector3<f64>,
-    home: &[f64; JOINTS],
-) -> Option<Deviation> {
-    let [[x_min, x_max], [y_min, y_max]] = *corners;
+pub fn deviation(dh: &DhParameters, config: &Config) -> Option<Deviation> {
+    let (robot, settings) = (config.robot(), config.settings());
+    let rotation = settings.plane.rotation();
+    let (origin, normal) = (Vector3::from(settings.plane.origin_m), rotation * Vector3::z());
+    let tool = Vector3::from(settings.robot.tool_m);
+    let [[x_min, x_max], [y_min, y_max], _] = settings.plane.workspace_m;
     let mut off = Vec::new();
     for i in 0..5 {
         for j in 0..5 {
             let (u, v) = (f64::from(i) / 4.0, f64::from(j) / 4.0);
-            let target = place([x_min + u * (x_max - x_min), y_min + v * (y_max - y_min)]);
-            let Some(q) = solve_pose(model, home, &ToolTarget::at_rest(target, -normal, None)) else {
-                continue;
-            };
-            off.push(true_tip(&q) - model.forward(&q).position);
+            let at = Vector3::new(x_min + u * (x_max - x_min), y_min + v * (y_max - y_min), 0.0);
+            let target = ToolTarget::at_rest(origin + rotation * at, -normal, None);
+            let Some(q) = solve_pose(&robot.chain, &robot.home, &target) else { continue };
+            let flange = dh.flange(&q);
+            let tip = flange.translation.vector + flange.rotation * tool;
+            off.push(tip - robot.chain.forward(&q).position);
         }
     }
     let count = off.len();
@@ -202,7 +199,7 @@ pub fn deviation(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use foretrace_config::{Config, presets};
+    use foretrace_config::presets;
     use proptest::prelude::*;
     use std::f64::consts::FRAC_PI_2;
 
@@ -280,33 +277,23 @@ mod tests {
     }
 
     #[test]
-    fn deviation_is_zero_for_the_model_itself_and_told_in_millimetres_else() {
+    fn deviation_is_zero_for_the_model_itself_and_in_millimetres_else() {
         let config = Config::preset("ur5").unwrap();
-        let (robot, plane) = (config.robot(), &config.settings().plane);
-        let rotation = plane.rotation();
-        let normal = rotation * Vector3::z();
-        let origin = Vector3::from(plane.origin_m);
-        let place = |[x, y]: [f64; 2]| origin + rotation * Vector3::new(x, y, 0.0);
-        let tool = Vector3::from(config.settings().robot.tool_m);
-        let corners = [plane.workspace_m[0], plane.workspace_m[1]];
-        let off = |dh: &DhParameters| {
-            let tip = |q: &[f64; JOINTS]| {
-                let flange = dh.flange(q);
-                flange.translation.vector + flange.rotation * tool
-            };
-            deviation(&robot.chain, &tip, &corners, &place, &normal, &robot.home).unwrap()
-        };
+        let off = |dh: &DhParameters| deviation(dh, &config).unwrap();
         assert!(off(&UR5).most_mm < 1e-6);
         // A base that is 3 mm higher is 3 mm everywhere, and nothing once the plane is calibrated.
         let mut higher = UR5;
         higher.d[0] += 3e-3;
-        let told = off(&higher);
-        assert!((told.most_mm - 3.0).abs() < 1e-6 && told.uneven_mm < 1e-6, "{told:?}");
+        let reported = off(&higher);
+        assert!((reported.most_mm - 3.0).abs() < 1e-6 && reported.uneven_mm < 1e-6, "{reported:?}");
         // An upper arm that is 2 mm longer is uneven over the paper.
         let mut longer = UR5;
         longer.a[1] -= 2e-3;
-        let told = off(&longer);
-        assert!(told.most_mm > 1.0 && told.uneven_mm > 0.05 && told.height_mm <= told.uneven_mm, "{told:?}");
+        let reported = off(&longer);
+        assert!(
+            reported.most_mm > 1.0 && reported.uneven_mm > 0.05 && reported.height_mm <= reported.uneven_mm,
+            "{reported:?}"
+        );
     }
 
     proptest! {

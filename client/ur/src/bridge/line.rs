@@ -5,9 +5,9 @@ use std::net::SocketAddr;
 use std::time::Duration;
 
 use super::pilot::Package;
-use super::reason::Reason;
-use super::registers::{Answer, Inputs, Registers};
-use crate::rtde::{Client, InputRecipe, RtdeError, Value};
+use super::reason::HaltReason;
+use super::registers::{ProgramAnswer, RegisterInputs, RegisterMap};
+use crate::rtde::{InputRecipe, RtdeClient, RtdeError, RtdeValue};
 
 /// Outputs beside the program's answer, in the order of [`package`].
 const OUTPUTS: [&str; 9] = [
@@ -24,12 +24,12 @@ const OUTPUTS: [&str; 9] = [
 
 /// A connection with its recipes.
 #[derive(Debug)]
-pub struct Line {
-    client: Client,
+pub struct RtdeLine {
+    client: RtdeClient,
     inputs: InputRecipe,
 }
 
-impl Line {
+impl RtdeLine {
     /// Connects, claims `registers` and lets states come `rate_hz` times a second. Each step takes `patience`
     /// at most.
     ///
@@ -38,11 +38,11 @@ impl Line {
     /// See [`RtdeError`]; [`reason`] says what it means for the bridge.
     pub fn connect(
         address: SocketAddr,
-        registers: &Registers,
+        registers: &RegisterMap,
         rate_hz: f64,
         patience: Duration,
     ) -> Result<Self, RtdeError> {
-        let mut client = Client::connect(address, patience)?;
+        let mut client = RtdeClient::connect(address, patience)?;
         let answers = registers.answer_names();
         let outputs: Vec<&str> = OUTPUTS.into_iter().chain(answers.iter().map(String::as_str)).collect();
         client.set_up_outputs(&outputs, rate_hz)?;
@@ -67,16 +67,18 @@ impl Line {
     /// # Errors
     ///
     /// See [`RtdeError`].
-    pub fn send(&mut self, inputs: &Inputs) -> Result<(), RtdeError> {
-        let doubles = inputs.q.into_iter().chain(inputs.qd).map(Value::Double);
-        let values: Vec<Value> =
-            [Value::Int32(inputs.counter), Value::Int32(inputs.leave)].into_iter().chain(doubles).collect();
+    pub fn send(&mut self, inputs: &RegisterInputs) -> Result<(), RtdeError> {
+        let doubles = inputs.q.into_iter().chain(inputs.qd).map(RtdeValue::Double);
+        let values: Vec<RtdeValue> = [RtdeValue::Int32(inputs.counter), RtdeValue::Int32(inputs.permit)]
+            .into_iter()
+            .chain(doubles)
+            .collect();
         self.client.send(&self.inputs, &values)
     }
 }
 
 /// The fields of [`OUTPUTS`] and the program's answer.
-fn package(values: &[Value]) -> Option<Package> {
+fn package(values: &[RtdeValue]) -> Option<Package> {
     let mut values = values.iter().copied();
     let mut next = || values.next();
     Some(Package {
@@ -94,18 +96,18 @@ fn package(values: &[Value]) -> Option<Package> {
             for word in &mut words {
                 *word = next()?.int32()?;
             }
-            Answer::from_words(words)
+            ProgramAnswer::from_words(words)
         },
     })
 }
 
 /// What an error means for the bridge.
 #[must_use]
-pub fn reason(error: &RtdeError) -> Reason {
+pub fn reason(error: &RtdeError) -> HaltReason {
     match error {
-        RtdeError::Connect(error) if error.kind() == ErrorKind::ConnectionRefused => Reason::ServiceOff,
-        RtdeError::Connect(_) => Reason::Unreachable,
-        RtdeError::InUse(_) => Reason::InUse,
-        _ => Reason::ConnectionLost,
+        RtdeError::Connect(error) if error.kind() == ErrorKind::ConnectionRefused => HaltReason::ServiceOff,
+        RtdeError::Connect(_) => HaltReason::Unreachable,
+        RtdeError::InUse(_) => HaltReason::InUse,
+        _ => HaltReason::ConnectionLost,
     }
 }

@@ -1,6 +1,7 @@
 //! The bridge on its one thread: connect, receive, answer, again and again.
 //!
-//! Contract: every wait is bounded; whatever goes wrong ends in a [`Reason`], never in an end of the bridge.
+//! Contract: every wait is bounded; whatever goes wrong ends in a [`HaltReason`], never in an end of the
+//! bridge.
 //! It connects again by itself, because nothing moves before somebody arms.
 
 use std::collections::BTreeMap;
@@ -10,15 +11,15 @@ use foretrace_client::{JointState, monotonic_now_ns};
 use serde::Serialize;
 
 use super::address::Addresses;
-use super::line::{self, Line};
+use super::line::{self, RtdeLine};
 use super::pilot::{Counts, Floor, Pilot};
 use super::probe::is_simulated;
-use super::program::Program;
+use super::program::BridgeProgram;
 use super::reaction::Phase;
-use super::reason::Reason;
+use super::reason::HaltReason;
 use super::registers::END;
 use super::remote::RemoteWatch;
-use super::upload::{Heard, Upload};
+use super::upload::{Upload, UploadEvent};
 
 /// Longest wait for one state, so that Ctrl-C and the daemon are looked at.
 const WAIT: Duration = Duration::from_millis(50);
@@ -36,15 +37,15 @@ const LOOK_AGAIN: Duration = Duration::from_secs(5);
 
 /// Asks and judges the controller behind every new connection: where the pen has to stay above, or why
 /// nothing may move. May take seconds.
-pub type Inspect = Box<dyn FnMut(&Addresses) -> Result<Option<Floor>, (Reason, String)>>;
+pub type Inspect = Box<dyn FnMut(&Addresses) -> Result<Option<Floor>, (HaltReason, String)>>;
 
 /// A controller and everything that is known about it.
 pub struct Link {
     addresses: Addresses,
     inspect: Inspect,
-    program: Program,
+    program: BridgeProgram,
     pilot: Pilot,
-    line: Option<Line>,
+    line: Option<RtdeLine>,
     /// What is behind the connection says that it is a simulator on this machine.
     simulated: bool,
     remote: Option<RemoteWatch>,
@@ -55,10 +56,10 @@ pub struct Link {
     next_attempt: Instant,
     connections: u64,
     reasons: BTreeMap<&'static str, u64>,
-    counted: Option<Reason>,
+    counted: Option<HaltReason>,
     /// Why the arm did not follow when the end began; ending is no reason.
-    at_end: Option<Option<Reason>>,
-    told: Option<Reason>,
+    at_end: Option<Option<HaltReason>>,
+    reported: Option<HaltReason>,
     detail: Option<String>,
     /// See [`Link::speed`].
     speed: f64,
@@ -66,10 +67,9 @@ pub struct Link {
 
 /// Joints that were measured.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Measured {
+pub struct MeasuredJoints {
     /// When, on this host's clock \[ns\].
     pub stamp_ns: u64,
-    /// For the daemon.
     pub state: JointState,
 }
 
@@ -78,13 +78,10 @@ pub struct Measured {
 pub struct LinkReport {
     /// Of the controller \[Hz\].
     pub rate_hz: f64,
-    /// States received.
     pub states: u64,
     /// States that the controller skipped or the line lost.
     pub states_skipped: u64,
-    /// Connections made.
     pub connections: u64,
-    /// Commands taken.
     pub commands: u64,
     /// Commands refused: too far from the one before.
     pub jumps: u64,
@@ -101,7 +98,7 @@ pub struct LinkReport {
     /// How often the arm stopped following, by reason.
     pub stops: BTreeMap<&'static str, u64>,
     /// Why it does not follow in the end; none where it would.
-    pub reason: Option<Reason>,
+    pub reason: Option<HaltReason>,
 }
 
 impl Link {
@@ -113,7 +110,7 @@ impl Link {
     /// Where the system gives no thread.
     pub fn new(
         addresses: Addresses,
-        program: Program,
+        program: BridgeProgram,
         pilot: Pilot,
         watch_remote: bool,
         inspect: Inspect,
@@ -136,7 +133,7 @@ impl Link {
             reasons: BTreeMap::new(),
             counted: None,
             at_end: None,
-            told: None,
+            reported: None,
             detail: None,
             speed: 1.0,
         })
@@ -144,7 +141,7 @@ impl Link {
 
     /// Waits for the next state, for 50 ms at most (seconds while connecting), and answers it at once.
     /// `commands` is called just before, to hand over the newest ones with [`Pilot::take`].
-    pub fn turn(&mut self, commands: &mut dyn FnMut(&mut Pilot)) -> Option<Measured> {
+    pub fn turn(&mut self, commands: &mut dyn FnMut(&mut Pilot)) -> Option<MeasuredJoints> {
         let Some(line) = &mut self.line else {
             commands(&mut self.pilot);
             self.connect();
@@ -156,12 +153,12 @@ impl Link {
                 // Once is not enough: this process itself may have stood still, with states waiting.
                 self.silent_turns = self.silent_turns.saturating_add(1);
                 if self.silent_turns > 2 && self.heard.elapsed() > SILENCE {
-                    self.lose(Reason::ConnectionLost, Some("no state for a second".to_owned()));
+                    self.lose(HaltReason::ConnectionLost, Some("no state for a second".to_owned()));
                 }
                 return None;
             }
             Err(error) => {
-                self.lose(Reason::ConnectionLost, Some(error.to_string()));
+                self.lose(HaltReason::ConnectionLost, Some(error.to_string()));
                 return None;
             }
         };
@@ -170,18 +167,18 @@ impl Link {
         (self.heard, self.silent_turns) = (Instant::now(), 0);
         commands(&mut self.pilot);
         if let Some(remote) = &self.remote {
-            self.pilot.remote_control(remote.remote());
+            self.pilot.machine.remote_control(remote.remote());
         }
         let followed = matches!(self.phase(), Phase::Following { .. });
         let outcome = self.pilot.cycle(&package, arrival_ns)?;
         let line = self.line.as_mut()?;
         if outcome.restarted {
             // It may be another arm now, or another installation.
-            self.lose(Reason::Restarted, None);
+            self.lose(HaltReason::Restarted, None);
             return None;
         }
         if let Err(error) = line.send(&outcome.inputs) {
-            self.lose(Reason::ConnectionLost, Some(error.to_string()));
+            self.lose(HaltReason::ConnectionLost, Some(error.to_string()));
             return None;
         }
         if let Some(token) = outcome.upload {
@@ -193,7 +190,7 @@ impl Link {
         }
         self.hear();
         self.note();
-        Some(Measured { stamp_ns: outcome.stamp_ns, state: outcome.state })
+        Some(MeasuredJoints { stamp_ns: outcome.stamp_ns, state: outcome.state })
     }
 
     /// The program on the controller is told to stop the arm and to end.
@@ -204,8 +201,8 @@ impl Link {
         while Instant::now() < end {
             let Ok(Some(package)) = line.receive(WAIT) else { break };
             let Some(mut outcome) = self.pilot.cycle(&package, monotonic_now_ns()) else { continue };
-            outcome.inputs.leave = END;
-            let ours = package.answer.session == self.pilot.machine().token() && package.runtime_state == 2;
+            outcome.inputs.permit = END;
+            let ours = package.answer.session == self.pilot.machine.token() && package.runtime_state == 2;
             if !ours || line.send(&outcome.inputs).is_err() {
                 break;
             }
@@ -216,13 +213,13 @@ impl Link {
     /// Where the bridge stands.
     #[must_use]
     pub const fn phase(&self) -> Phase {
-        self.pilot.machine().phase()
+        self.pilot.machine.phase()
     }
 
     /// Why the arm does not follow, or stopped last.
     #[must_use]
-    pub const fn reason(&self) -> Option<Reason> {
-        self.pilot.machine().reason()
+    pub const fn reason(&self) -> Option<HaltReason> {
+        self.pilot.machine.reason()
     }
 
     /// The controller says that it is a simulator on this machine: nothing real moves.
@@ -237,30 +234,30 @@ impl Link {
         self.speed
     }
 
-    /// The arm cannot follow this bridge any more: it has to be started anew, when it is agreed to.
+    /// The arm cannot follow this bridge any more: it has to be started again, when it is agreed to.
     #[must_use]
     pub fn is_over(&self) -> bool {
-        self.pilot.machine().is_final()
+        self.pilot.machine.is_final()
     }
 
     /// How near to the paper the model's tip may come \[m\]; `None`: as near as the settings say.
     #[must_use]
     pub fn floor_m(&self) -> Option<f64> {
-        self.pilot.floor_m()
+        self.pilot.floor.as_ref().map(|floor| floor.height_m)
     }
 
-    /// A reason that was not told yet, with what the system said about it.
-    pub fn news(&mut self) -> Option<(Reason, Option<String>)> {
-        let reason = self.reason().filter(|reason| Some(*reason) != self.told);
-        self.told = self.reason();
+    /// A reason that was not reported yet, with what the system said about it.
+    pub fn news(&mut self) -> Option<(HaltReason, Option<String>)> {
+        let reason = self.reason().filter(|reason| Some(*reason) != self.reported);
+        self.reported = self.reason();
         reason.map(|reason| (reason, self.detail.take()))
     }
 
     /// The run so far.
     #[must_use]
     pub fn report(&self) -> LinkReport {
-        let Counts { states, skipped, commands, jumps, following } = self.pilot.counts();
-        let trips = self.pilot.trips();
+        let Counts { states, skipped, commands, jumps, following } = self.pilot.counts;
+        let trips = &self.pilot.trips;
         LinkReport {
             rate_hz: 1.0 / self.program.cycle_s,
             states,
@@ -280,8 +277,8 @@ impl Link {
 
     /// Why the arm does not follow now.
     #[must_use]
-    pub fn hindrance(&self) -> Option<Reason> {
-        self.reason().filter(|_| !self.pilot.machine().may_move())
+    pub fn hindrance(&self) -> Option<HaltReason> {
+        self.reason().filter(|_| !self.pilot.machine.may_move())
     }
 
     fn connect(&mut self) {
@@ -292,14 +289,14 @@ impl Link {
         }
         self.next_attempt = now + AGAIN;
         let rate_hz = 1.0 / self.program.cycle_s;
-        match Line::connect(self.addresses.rtde, &self.program.registers, rate_hz, PATIENCE) {
+        match RtdeLine::connect(self.addresses.rtde, &self.program.registers, rate_hz, PATIENCE) {
             Ok(line) => match (self.inspect)(&self.addresses) {
                 Ok(floor) => {
                     self.line = Some(line);
                     self.simulated = is_simulated(&self.addresses);
                     self.connections += 1;
                     (self.heard, self.silent_turns, self.detail) = (Instant::now(), 0, None);
-                    self.pilot.set_floor(floor);
+                    self.pilot.floor = floor;
                     self.pilot.connected();
                 }
                 Err((reason, words)) => {
@@ -311,11 +308,11 @@ impl Link {
         }
     }
 
-    fn lose(&mut self, reason: Reason, detail: Option<String>) {
+    fn lose(&mut self, reason: HaltReason, detail: Option<String>) {
         (self.line, self.simulated) = (None, false);
         self.upload = None;
         self.next_attempt = Instant::now() + AGAIN;
-        self.pilot.disconnected(reason);
+        self.pilot.machine.disconnected(reason);
         self.detail = detail;
         self.note();
     }
@@ -332,11 +329,11 @@ impl Link {
     fn hear(&mut self) {
         for _ in 0..HEARD_AT_ONCE {
             match self.upload.as_mut().and_then(Upload::heard) {
-                Some(Heard::Exception(words)) => {
+                Some(UploadEvent::Exception(words)) => {
                     self.detail = Some(words);
-                    self.pilot.program_failed();
+                    self.pilot.machine.program_failed();
                 }
-                Some(Heard::Warning(words) | Heard::Lost(words)) => self.detail = Some(words),
+                Some(UploadEvent::Warning(words) | UploadEvent::Lost(words)) => self.detail = Some(words),
                 None => return,
             }
         }

@@ -4,14 +4,12 @@ use std::net::SocketAddr;
 use std::time::{Duration, Instant};
 
 use super::kinematics::DhParameters;
-use crate::primary::{Client, KinematicsInfo, Package, PrimaryError, SubPackage};
+use crate::primary::{KinematicsInfo, PrimaryClient, PrimaryError, PrimaryPackage, SubPackage};
 
 /// What the primary interface showed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Measures {
-    /// Robot states came.
     pub states: bool,
-    /// The arm's kinematics.
     pub dh: Option<DhParameters>,
     /// Tool centre point, seen from the flange \[m\].
     pub tcp_m: Option<[f64; 3]>,
@@ -24,7 +22,7 @@ pub struct Measures {
 /// Where there is no connection, or it breaks before a state came.
 pub fn listen(address: SocketAddr, patience: Duration) -> Result<Measures, PrimaryError> {
     let end = Instant::now() + patience;
-    let mut client = Client::connect(address, patience)?;
+    let mut client = PrimaryClient::connect(address, patience)?;
     let mut found = Measures { states: false, dh: None, tcp_m: None };
     while found.dh.is_none() {
         let left = end.saturating_duration_since(Instant::now());
@@ -32,13 +30,9 @@ pub fn listen(address: SocketAddr, patience: Duration) -> Result<Measures, Prima
             break;
         }
         match client.receive(left) {
-            Ok(Some(Package::State(state))) => {
+            Ok(Some(PrimaryPackage::State(state))) => {
                 found.states = true;
-                found.dh = state.parts.iter().find_map(|part| match part {
-                    SubPackage::Kinematics(info) => Some(DhParameters::from(info)),
-                    _ => None,
-                });
-                found.dh = found.dh.filter(DhParameters::are_sound);
+                found.dh = state.kinematics().map(DhParameters::from).filter(DhParameters::are_sound);
                 found.tcp_m = found.tcp_m.or_else(|| state.parts.iter().find_map(tool_centre_point));
             }
             Ok(Some(_)) => {}
@@ -53,7 +47,7 @@ pub fn listen(address: SocketAddr, patience: Duration) -> Result<Measures, Prima
 fn tool_centre_point(part: &SubPackage) -> Option<[f64; 3]> {
     let SubPackage::Cartesian(info) = part else { return None };
     let [x, y, z, ..] = info.tcp_offset;
-    Some([x, y, z]).filter(|place| place.iter().all(|value| value.is_finite()))
+    Some([x, y, z]).filter(|position| position.iter().all(|value| value.is_finite()))
 }
 
 impl From<&KinematicsInfo> for DhParameters {
@@ -65,7 +59,7 @@ impl From<&KinematicsInfo> for DhParameters {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::primary::{CartesianInfo, State};
+    use crate::primary::{CartesianInfo, RobotState};
     use std::io::Write;
     use std::net::TcpListener;
     use std::thread;
@@ -97,7 +91,7 @@ mod tests {
     }
 
     fn state(parts: Vec<SubPackage>) -> Vec<u8> {
-        Package::State(State { parts }).encode()
+        PrimaryPackage::State(RobotState { parts }).encode()
     }
 
     #[test]
@@ -122,7 +116,7 @@ mod tests {
     }
 
     #[test]
-    fn another_protocol_is_told() {
+    fn another_protocol_is_reported() {
         assert!(served(b"HTTP/1.1 400 Bad Request\r\n".to_vec()).is_err());
     }
 }

@@ -23,6 +23,4 @@ pub mod probe;
 pub mod examine;
 
 #[cfg(test)]
-mod fake;
-#[cfg(test)]
 mod tests;

@@ -5,9 +5,8 @@
 //! one joint state for the daemon and one set of inputs for the controller, so that the counter goes on
 //! whatever happens.
 
-use foretrace_client::{
-    ArmLine, EffortUnit, JOINTS, JointCommand, JointState, RobotMode, SafetyMode, command_flags,
-};
+use foretrace_client::wire::{ArmLine, EffortUnit, command_flags};
+use foretrace_client::{JOINTS, JointCommand, JointState, RobotMode, SafetyMode};
 use foretrace_config::Config;
 use foretrace_control::arm::{Chain, JointLimits};
 use nalgebra::Vector3;
@@ -15,10 +14,10 @@ use nalgebra::Vector3;
 use super::check::CALIBRATED_MM;
 use super::clock::{ClockMap, Mapped};
 use super::kinematics::Deviation;
-use super::reaction::{Act, Machine, Seen, Wanted};
-use super::reason::Reason;
-use super::registers::{Answer, Inputs, Numbers, Tokens};
-use super::target::{Target, Targets};
+use super::reaction::{Act, BridgeMachine, Observation, Wanted};
+use super::reason::HaltReason;
+use super::registers::{Numbers, ProgramAnswer, RegisterInputs, Tokens};
+use super::target::{Target, TargetTracker};
 use super::trip::Trips;
 
 /// One state of the controller, as RTDE brings it.
@@ -43,7 +42,7 @@ pub struct Package {
     /// `target_speed_fraction`.
     pub target_speed_fraction: f64,
     /// What our program writes.
-    pub answer: Answer,
+    pub answer: ProgramAnswer,
 }
 
 /// Below which height the pen is not lowered.
@@ -80,16 +79,14 @@ impl Floor {
 
 /// What a cycle gives.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Outcome {
+pub struct CycleResult {
     /// When the state was measured, on this host's clock \[ns\].
     pub stamp_ns: u64,
-    /// For the daemon.
     pub state: JointState,
-    /// For the controller.
-    pub inputs: Inputs,
+    pub inputs: RegisterInputs,
     /// The program has to be sent, with this token.
     pub upload: Option<i32>,
-    /// The controller's clock began anew.
+    /// The controller's clock began again.
     pub restarted: bool,
 }
 
@@ -100,7 +97,6 @@ pub struct Counts {
     pub states: u64,
     /// States that the controller skipped or the line lost, by its timestamps.
     pub skipped: u64,
-    /// Commands taken.
     pub commands: u64,
     /// Commands refused because they were too far away.
     pub jumps: u64,
@@ -113,16 +109,18 @@ pub struct Counts {
 pub struct Pilot {
     cycle_s: f64,
     clock: ClockMap,
-    trips: Trips,
-    machine: Machine,
-    targets: Targets,
+    pub trips: Trips,
+    /// What the bridge does about what it sees.
+    pub machine: BridgeMachine,
+    targets: TargetTracker,
     counters: Numbers,
-    floor: Option<Floor>,
+    /// Where the pen has to stay above; `None` for an arm that is calibrated.
+    pub floor: Option<Floor>,
     watchdog_s: f64,
     last_timestamp: Option<f64>,
     taken_ns: u64,
     begins: bool,
-    counts: Counts,
+    pub counts: Counts,
 }
 
 /// Share of the watchdog's time without a fresh counter after which it may be why a program ended.
@@ -143,8 +141,8 @@ impl Pilot {
             cycle_s,
             clock: ClockMap::default(),
             trips: Trips::new(cycle_s, 1),
-            machine: Machine::new(Tokens::from_seed(seed), Numbers::from_seed(seed)),
-            targets: Targets::new(limits, cycle_s),
+            machine: BridgeMachine::new(Tokens::from_seed(seed), Numbers::from_seed(seed)),
+            targets: TargetTracker::new(limits, cycle_s),
             counters: Numbers::from_seed(seed >> 7),
             floor,
             watchdog_s,
@@ -155,55 +153,10 @@ impl Pilot {
         }
     }
 
-    /// Where the bridge stands.
-    #[must_use]
-    pub const fn machine(&self) -> &Machine {
-        &self.machine
-    }
-
-    /// Round trips.
-    #[must_use]
-    pub const fn trips(&self) -> &Trips {
-        &self.trips
-    }
-
-    /// What was counted.
-    #[must_use]
-    pub const fn counts(&self) -> Counts {
-        self.counts
-    }
-
-    /// A connection stands.
     pub fn connected(&mut self) {
         self.clock.reconnected();
         self.trips.restart();
         self.machine.connected(false);
-    }
-
-    /// Where the pen has to stay above from now on; `None` for an arm that is calibrated.
-    pub fn set_floor(&mut self, floor: Option<Floor>) {
-        self.floor = floor;
-    }
-
-    /// How near to the paper the model's tip may come \[m\]; `None`: as near as the settings say.
-    #[must_use]
-    pub fn floor_m(&self) -> Option<f64> {
-        self.floor.as_ref().map(|floor| floor.height_m)
-    }
-
-    /// There is no connection.
-    pub fn disconnected(&mut self, reason: Reason) {
-        self.machine.disconnected(reason);
-    }
-
-    /// The controller told an error of the program.
-    pub fn program_failed(&mut self) {
-        self.machine.program_failed();
-    }
-
-    /// What the dashboard says about remote control.
-    pub fn remote_control(&mut self, remote: Option<bool>) {
-        self.machine.remote_control(remote);
     }
 
     /// Whether the daemon runs with the settings of this bridge; `None` while that is not known.
@@ -220,7 +173,7 @@ impl Pilot {
     }
 
     /// A state that arrived at `arrival_ns`; `None` where its timestamp says nothing new.
-    pub fn cycle(&mut self, package: &Package, arrival_ns: u64) -> Option<Outcome> {
+    pub fn cycle(&mut self, package: &Package, arrival_ns: u64) -> Option<CycleResult> {
         let (stamp_ns, restarted) = match self.clock.observe(package.timestamp, arrival_ns) {
             Mapped::At(stamp) => (stamp, false),
             Mapped::Restarted(stamp) => (stamp, true),
@@ -248,12 +201,12 @@ impl Pilot {
             refused: self.refused(&target, following),
         };
         let act = self.machine.step(package.timestamp, &self.seen(package), wanted);
-        if following && wanted.refused == Some(Reason::TargetJump) {
+        if following && wanted.refused == Some(HaltReason::TargetJump) {
             self.counts.jumps += 1;
         }
         let inputs = self.inputs(act, &target, package);
         let upload = (act == Act::Upload).then(|| self.machine.token());
-        Some(Outcome { stamp_ns, state: self.state(package), inputs, upload, restarted })
+        Some(CycleResult { stamp_ns, state: self.state(package), inputs, upload, restarted })
     }
 
     fn count(&mut self, timestamp: f64) {
@@ -266,27 +219,24 @@ impl Pilot {
         }
     }
 
-    fn refused(&self, target: &Target, following: bool) -> Option<Reason> {
+    fn refused(&self, target: &Target, following: bool) -> Option<HaltReason> {
         let motion = match target {
-            // A command that is no number is as bad as one far away.
-            Target::None => return following.then_some(Reason::TargetJump),
-            Target::Jump { .. } => return Some(Reason::TargetJump),
+            // A command that is not a number is as bad as one far away.
+            Target::None => return following.then_some(HaltReason::TargetJump),
+            Target::Jump { .. } => return Some(HaltReason::TargetJump),
             Target::Follow(motion) | Target::Brake(motion) => motion,
         };
         let floor = self.floor.as_ref().filter(|_| following)?;
-        let tip = floor.chain.forward(&motion.q).position;
-        let height = floor.normal.dot(&(tip - floor.origin));
+        let at = floor.chain.forward(&motion.q);
+        let height = floor.normal.dot(&(at.position - floor.origin));
         // Down only: an arm that stands too low may leave.
-        let sinks = {
-            let twist = floor.chain.forward(&motion.q).twist(&motion.qd);
-            floor.normal.dot(&twist.fixed_rows::<3>(0).into_owned()) < 0.0
-        };
-        (!(height >= floor.height_m) && sinks).then_some(Reason::Uncalibrated)
+        let sinks = floor.normal.dot(&at.twist(&motion.qd).fixed_rows::<3>(0).into_owned()) < 0.0;
+        (!(height >= floor.height_m) && sinks).then_some(HaltReason::Uncalibrated)
     }
 
-    fn seen(&self, package: &Package) -> Seen {
+    fn seen(&self, package: &Package) -> Observation {
         let silence_s = self.trips.silence_s(package.timestamp);
-        Seen {
+        Observation {
             robot_mode: package.robot_mode,
             safety_mode: package.safety_mode,
             runtime_state: package.runtime_state,
@@ -298,7 +248,7 @@ impl Pilot {
         }
     }
 
-    fn inputs(&mut self, act: Act, target: &Target, package: &Package) -> Inputs {
+    fn inputs(&mut self, act: Act, target: &Target, package: &Package) -> RegisterInputs {
         let counter = self.counters.next_number();
         self.trips.sent(counter, package.timestamp);
         let (q, qd) = match (act, target) {
@@ -308,7 +258,7 @@ impl Pilot {
             }
             _ => (package.q, [0.0; JOINTS]),
         };
-        Inputs { counter, leave: act.leave(), q, qd }
+        RegisterInputs { counter, permit: act.permit(), q, qd }
     }
 
     /// What the daemon hears. Running means that the arm follows: while it does not, the arm counts as idle,

@@ -4,24 +4,21 @@
 
 use std::time::{Duration, Instant};
 
-use foretrace_client::JOINTS;
 use foretrace_config::Config;
-use nalgebra::Vector3;
 
 use super::address::Addresses;
-use super::check::{self, Installation, Refusal, Series, Version};
+use super::check::{self, CheckRefusal, Installation, Series, Version};
 use super::kinematics::{Deviation, DhParameters, deviation};
 use super::line;
 use super::measures;
 use super::pilot::Floor;
-use super::reason::Reason;
+use super::reason::HaltReason;
 use crate::dashboard::{Dashboard, SIMULATED};
-use crate::rtde::{Client, RtdeError, Value};
+use crate::rtde::{RtdeClient, RtdeError, RtdeValue};
 
 /// Longest wait for a step.
 const PATIENCE: Duration = Duration::from_secs(3);
 
-/// What was found.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Found {
     /// Software of the controller.
@@ -42,7 +39,7 @@ pub enum ProbeError {
     Rtde(#[from] RtdeError),
     /// The bridge cannot drive this controller.
     #[error("{0}")]
-    Refused(#[from] Refusal),
+    Refused(#[from] CheckRefusal),
     /// No state came.
     #[error("the controller sends no states over RTDE")]
     NoState,
@@ -51,11 +48,11 @@ pub enum ProbeError {
 impl ProbeError {
     /// What it means for the bridge.
     #[must_use]
-    pub fn reason(&self) -> Reason {
+    pub fn reason(&self) -> HaltReason {
         match self {
             Self::Rtde(error) => line::reason(error),
-            Self::Refused(_) => Reason::DoesNotFit,
-            Self::NoState => Reason::ConnectionLost,
+            Self::Refused(_) => HaltReason::DoesNotFit,
+            Self::NoState => HaltReason::ConnectionLost,
         }
     }
 }
@@ -66,7 +63,7 @@ impl ProbeError {
 ///
 /// See [`ProbeError`].
 pub fn probe(addresses: &Addresses) -> Result<Found, ProbeError> {
-    let mut client = Client::connect(addresses.rtde, PATIENCE)?;
+    let mut client = RtdeClient::connect(addresses.rtde, PATIENCE)?;
     let version = client.controller_version()?;
     let series = Series::of(version)?;
     let mut installation = installation(&mut client, PATIENCE)?;
@@ -82,7 +79,7 @@ pub fn probe(addresses: &Addresses) -> Result<Found, ProbeError> {
 /// # Errors
 ///
 /// See [`ProbeError`].
-pub fn installation(client: &mut Client, patience: Duration) -> Result<Installation, ProbeError> {
+pub fn installation(client: &mut RtdeClient, patience: Duration) -> Result<Installation, ProbeError> {
     // What the version does not know is asked for no more: the last of these is known to all.
     let asked: [&[&str]; 4] = [
         &["actual_q", "payload", "tcp_offset"],
@@ -101,7 +98,7 @@ pub fn installation(client: &mut Client, patience: Duration) -> Result<Installat
     Err(refused.map_or(ProbeError::NoState, ProbeError::Rtde))
 }
 
-fn read(client: &mut Client, names: &[&str], patience: Duration) -> Result<Installation, ProbeError> {
+fn read(client: &mut RtdeClient, names: &[&str], patience: Duration) -> Result<Installation, ProbeError> {
     client.start()?;
     let end = Instant::now() + patience;
     while Instant::now() < end {
@@ -110,11 +107,11 @@ fn read(client: &mut Client, names: &[&str], patience: Duration) -> Result<Insta
             let pairs = names.iter().zip(&package.values);
             pairs.into_iter().find(|(name, _)| **name == wanted).map(|(_, value)| *value)
         };
-        let Some(q) = of("actual_q").and_then(Value::vector6d) else { continue };
-        let tcp = of("tcp_offset").and_then(Value::vector6d);
+        let Some(q) = of("actual_q").and_then(RtdeValue::vector6d) else { continue };
+        let tcp = of("tcp_offset").and_then(RtdeValue::vector6d);
         return Ok(Installation {
             q,
-            payload_kg: of("payload").and_then(Value::double),
+            payload_kg: of("payload").and_then(RtdeValue::double),
             tcp_m: tcp.map(|[x, y, z, ..]| [x, y, z]),
         });
     }
@@ -144,7 +141,7 @@ impl Found {
     /// # Errors
     ///
     /// Everything that does not fit.
-    pub fn judged(&self, config: &Config, loopback: bool) -> Result<Option<Deviation>, Vec<Refusal>> {
+    pub fn judged(&self, config: &Config, loopback: bool) -> Result<Option<Deviation>, Vec<CheckRefusal>> {
         let (settings, position) = (config.settings(), config.robot().limits.position());
         let mut wrong = check::installation(&self.installation, settings, position, loopback);
         wrong.extend(check::rate(self.series, settings.robot.controller_rate_hz).err());
@@ -156,7 +153,7 @@ impl Found {
     /// How far the tip is from where the model of `config` believes it, over the paper.
     #[must_use]
     pub fn deviation(&self, config: &Config) -> Option<Deviation> {
-        self.dh.and_then(|dh| deviation_of(&dh, config))
+        self.dh.and_then(|dh| deviation(&dh, config))
     }
 }
 
@@ -166,13 +163,13 @@ impl Found {
 /// # Errors
 ///
 /// Why it may not, and in which words.
-pub fn inspect(addresses: &Addresses, config: &Config) -> Result<Option<Floor>, (Reason, String)> {
+pub fn inspect(addresses: &Addresses, config: &Config) -> Result<Option<Floor>, (HaltReason, String)> {
     let found = probe(addresses).map_err(|error| (error.reason(), error.to_string()))?;
     match found.judged(config, addresses.ip().is_loopback()) {
         Ok(deviation) => Ok(Floor::of(config, deviation)),
         Err(wrong) => {
             let words: Vec<String> = wrong.iter().map(ToString::to_string).collect();
-            Err((Reason::DoesNotFit, words.join("; ")))
+            Err((HaltReason::DoesNotFit, words.join("; ")))
         }
     }
 }
@@ -183,26 +180,4 @@ pub fn inspect(addresses: &Addresses, config: &Config) -> Result<Option<Floor>, 
 pub fn is_simulated(addresses: &Addresses) -> bool {
     let version = || Dashboard::connect(addresses.dashboard, PATIENCE)?.ask("PolyscopeVersion");
     addresses.ip().is_loopback() && version().is_ok_and(|version| version.ends_with(SIMULATED))
-}
-
-/// How far the tip of an arm with kinematics `dh` is from where the model of `config` believes it, over the
-/// paper.
-#[must_use]
-pub fn deviation_of(dh: &DhParameters, config: &Config) -> Option<Deviation> {
-    let (robot, settings) = (config.robot(), config.settings());
-    let rotation = settings.plane.rotation();
-    let origin = Vector3::from(settings.plane.origin_m);
-    let tool = Vector3::from(settings.robot.tool_m);
-    let [x, y, _] = settings.plane.workspace_m;
-    deviation(
-        &robot.chain,
-        &|q: &[f64; JOINTS]| {
-            let flange = dh.flange(q);
-            flange.translation.vector + flange.rotation * tool
-        },
-        &[x, y],
-        &|[x, y]| origin + rotation * Vector3::new(x, y, 0.0),
-        &(rotation * Vector3::z()),
-        &robot.home,
-    )
 }

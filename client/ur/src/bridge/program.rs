@@ -3,7 +3,7 @@
 use foretrace_config::settings::UrSection;
 use foretrace_control::arm::JointLimits;
 
-use super::registers::Registers;
+use super::registers::RegisterMap;
 use foretrace_client::JOINTS;
 
 /// With `{{NAME}}` where a number belongs.
@@ -11,9 +11,8 @@ const TEXT: &str = include_str!("program.script");
 
 /// The numbers of the program.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Program {
-    /// Registers in use.
-    pub registers: Registers,
+pub struct BridgeProgram {
+    pub registers: RegisterMap,
     /// Of the controller: 1/125 or 1/500 \[s\].
     pub cycle_s: f64,
     /// Look-ahead of `servoj` \[s\], 0.03 to 0.2 (script manual).
@@ -32,13 +31,13 @@ pub struct Program {
     pub watchdog_hz: f64,
 }
 
-impl Program {
+impl BridgeProgram {
     /// The program for an arm with these limits behind a controller that cycles every `cycle_s`.
     #[must_use]
     pub fn new(
         section: &UrSection,
         limits: &JointLimits<JOINTS>,
-        registers: Registers,
+        registers: RegisterMap,
         cycle_s: f64,
     ) -> Self {
         let stop = smallest(limits.deceleration());
@@ -65,7 +64,7 @@ impl Program {
         let mut text = TEXT.to_owned();
         let whole = [
             ("COUNTER", r.counter()),
-            ("LEAVE", r.leave()),
+            ("LEAVE", r.permit()),
             ("ECHO", r.output(0)),
             ("STATE", r.output(1)),
             ("SESSION", r.output(2)),
@@ -119,11 +118,11 @@ mod tests {
     use super::*;
     use foretrace_config::Config;
 
-    fn program(preset: &str, base: u32) -> Program {
+    fn program(preset: &str, base: u32) -> BridgeProgram {
         let config = Config::preset(preset).unwrap();
         let cycle_s = 1.0 / f64::from(config.settings().robot.controller_rate_hz);
-        let registers = Registers::at(base).unwrap();
-        Program::new(&config.settings().robot.ur, &config.robot().limits, registers, cycle_s)
+        let registers = RegisterMap::at(base).unwrap();
+        BridgeProgram::new(&config.settings().robot.ur, &config.robot().limits, registers, cycle_s)
     }
 
     #[test]
@@ -155,9 +154,10 @@ mod tests {
     fn stop_is_never_harder_than_what_any_joint_may_brake_with() {
         let config = Config::preset("ur5-first-run").unwrap();
         let mut section = config.settings().robot.ur.clone();
-        let registers = Registers::at(24).unwrap();
-        let with =
-            |section: &UrSection| Program::new(section, &config.robot().limits, registers, 0.008).stop_radps2;
+        let registers = RegisterMap::at(24).unwrap();
+        let with = |section: &UrSection| {
+            BridgeProgram::new(section, &config.robot().limits, registers, 0.008).stop_radps2
+        };
         assert_eq!(with(&section), 5.0);
         section.stop_radps2 = Some(40.0);
         assert_eq!(with(&section), 5.0);

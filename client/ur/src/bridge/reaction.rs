@@ -1,16 +1,16 @@
 //! What the bridge does about what it sees: a state machine without clock or sockets.
 //!
 //! Contract: the arm follows in one phase only, and the way into it always leads through a command that
-//! begins at rest (somebody armed). Whatever stands in the way takes the leave back at once; when it is gone
-//! the bridge gets ready again where [`Reason::returns`] allows it, and waits. It never starts a program over
-//! one of somebody else's and never ends a safety stop.
+//! begins at rest (somebody armed). Whatever stands in the way takes the permit back at once; when it is gone
+//! the bridge gets ready again where [`HaltReason::returns`] allows it, and waits. It never starts a program
+//! over one of somebody else's and never ends a safety stop.
 
-use super::reason::{Reason, Return};
-use super::registers::{Answer, NO_LEAVE, Numbers, ProgramState, Tokens};
+use super::reason::{HaltReason, Return};
+use super::registers::{NO_PERMIT, Numbers, ProgramAnswer, ProgramState, Tokens};
 
 /// What one state of the controller shows, read together.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Seen {
+pub struct Observation {
     /// `robot_mode`: 7 runs (RTDE guide).
     pub robot_mode: i32,
     /// `safety_mode`: 1 normal, 2 reduced (RTDE guide).
@@ -20,7 +20,7 @@ pub struct Seen {
     /// `speed_scaling` times `target_speed_fraction`, 0 to 1.
     pub speed: f64,
     /// What the program writes.
-    pub answer: Answer,
+    pub answer: ProgramAnswer,
     /// A program has echoed counters of this connection.
     pub echoed: bool,
     /// Since a program last read something new, or since the connection began \[s\].
@@ -29,7 +29,6 @@ pub struct Seen {
     pub starved: bool,
 }
 
-/// What foretrace wants.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Wanted {
     /// The newest command is enabled and still valid.
@@ -37,26 +36,25 @@ pub struct Wanted {
     /// Since the last state a command came that begins at rest.
     pub begins: bool,
     /// The bridge had to refuse the newest command, and why.
-    pub refused: Option<Reason>,
+    pub refused: Option<HaltReason>,
 }
 
 /// What is to be done in this cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Act {
-    /// Send counters without a leave.
+    /// Send counters without a permit.
     Wait,
-    /// Send the program to the controller, and counters without a leave.
+    /// Send the program to the controller, and counters without a permit.
     Upload,
     /// Tell a program of an earlier bridge to end.
     EndEarlier,
-    /// Send targets with this leave.
+    /// Send targets with this permit.
     Follow(i32),
 }
 
 /// Where the bridge stands.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Phase {
-    /// No connection.
     Away,
     /// Connected; something stands in the way, or stood there and the daemon has not stopped yet.
     Blocked {
@@ -68,26 +66,25 @@ pub enum Phase {
         /// Since when \[s\].
         since_s: f64,
     },
-    /// The program runs and waits for a leave.
+    /// The program runs and waits for a permit.
     Ready,
-    /// The program follows.
     Following {
         /// When commands last asked for motion \[s\].
         commanded_s: f64,
-        /// When the leave was given \[s\].
+        /// When the permit was given \[s\].
         since_s: f64,
     },
 }
 
 /// Reacts to what the controller shows and foretrace wants.
 #[derive(Debug, Clone)]
-pub struct Machine {
+pub struct BridgeMachine {
     tokens: Tokens,
     /// Of the program sent last; 0: none yet.
     token: i32,
-    leaves: Numbers,
+    permits: Numbers,
     phase: Phase,
-    reason: Option<Reason>,
+    reason: Option<HaltReason>,
     /// In local control nothing is accepted; `None` where the version does not tell.
     remote: Option<bool>,
     /// The daemon runs with our settings; `None`: not known yet of this daemon.
@@ -99,7 +96,7 @@ pub struct Machine {
     /// Since when a program runs without a pause \[s\].
     playing_s: Option<f64>,
     /// It ended, and nothing says why yet.
-    end: Option<End>,
+    end: Option<ProgramEnd>,
     /// The controller told an error of the program since the last state.
     error_news: bool,
     /// When it told the newest one \[s\].
@@ -108,7 +105,7 @@ pub struct Machine {
 
 /// An end of our program.
 #[derive(Debug, Clone, Copy)]
-struct End {
+struct ProgramEnd {
     /// When \[s\].
     at_s: f64,
     /// Counters had stayed away before.
@@ -131,19 +128,19 @@ const SILENT_S: f64 = 0.5;
 const REPLACED_S: f64 = 2.0;
 /// How long a latch is shown at least, so that the daemon has seen it \[s\].
 const SHOWN_S: f64 = 0.3;
-/// How long the leave outlives the commands \[s\].
+/// How long the permit outlives the commands \[s\].
 const IDLE_S: f64 = 1.0;
-/// How long a program may take to obey a leave \[s\].
+/// How long a program may take to obey a permit \[s\].
 const OBEYS_S: f64 = 0.25;
 
-impl Machine {
+impl BridgeMachine {
     /// A bridge that has not connected yet; each program that it sends carries the next of `tokens`.
     #[must_use]
-    pub const fn new(tokens: Tokens, leaves: Numbers) -> Self {
+    pub const fn new(tokens: Tokens, permits: Numbers) -> Self {
         Self {
             tokens,
             token: 0,
-            leaves,
+            permits,
             phase: Phase::Away,
             reason: None,
             remote: None,
@@ -171,28 +168,28 @@ impl Machine {
 
     /// Why the arm does not follow, or why it stopped last until it was armed again.
     #[must_use]
-    pub const fn reason(&self) -> Option<Reason> {
+    pub const fn reason(&self) -> Option<HaltReason> {
         self.reason
     }
 
-    /// Whether the arm follows, or would when armed: what the daemon is told.
+    /// Whether the arm follows, or would when armed: what the daemon gets.
     #[must_use]
     pub const fn may_move(&self) -> bool {
         matches!(self.phase, Phase::Ready | Phase::Following { .. })
     }
 
     /// The connection could not be made, or was lost.
-    pub fn disconnected(&mut self, reason: Reason) {
+    pub fn disconnected(&mut self, reason: HaltReason) {
         if !self.is_final() {
             self.reason = Some(reason);
         }
         self.phase = Phase::Away;
     }
 
-    /// The connection stands. `restarted`: the controller's clock began anew since the last one.
+    /// The connection stands. `restarted`: the controller's clock began again since the last one.
     pub fn connected(&mut self, restarted: bool) {
         if restarted && !self.is_final() {
-            self.reason = Some(Reason::Restarted);
+            self.reason = Some(HaltReason::Restarted);
         }
         self.phase = Phase::Blocked { last_s: f64::NEG_INFINITY };
         self.next_upload_s = f64::NEG_INFINITY;
@@ -221,7 +218,7 @@ impl Machine {
     }
 
     /// One state of the controller at `now_s` of its clock, and what foretrace wants.
-    pub fn step(&mut self, now_s: f64, seen: &Seen, wanted: Wanted) -> Act {
+    pub fn step(&mut self, now_s: f64, seen: &Observation, wanted: Wanted) -> Act {
         if let Some(reason) = self.ended(now_s, seen) {
             return self.block(reason, now_s);
         }
@@ -252,13 +249,13 @@ impl Machine {
                     self.phase = Phase::Ready;
                 } else if now_s - since_s > BEGIN_S {
                     self.next_upload_s = now_s + AGAIN_S;
-                    return self.block(Reason::DidNotStart, now_s);
+                    return self.block(HaltReason::DidNotStart, now_s);
                 }
                 Act::Wait
             }
             Phase::Ready => {
                 if !fresh {
-                    let reason = if self.alive { Reason::NoAnswer } else { Reason::ForeignProgram };
+                    let reason = if self.alive { HaltReason::NoAnswer } else { HaltReason::ForeignProgram };
                     return self.block(reason, now_s);
                 }
                 if !(wanted.begins && wanted.commanding) {
@@ -266,7 +263,7 @@ impl Machine {
                 }
                 (self.reason, self.error_s) = (None, None);
                 self.phase = Phase::Following { commanded_s: now_s, since_s: now_s };
-                Act::Follow(self.leaves.next_number())
+                Act::Follow(self.permits.next_number())
             }
             Phase::Following { commanded_s, since_s } => {
                 self.follow(now_s, seen, wanted, commanded_s, since_s)
@@ -275,13 +272,13 @@ impl Machine {
     }
 
     /// A program runs, and the registers carry our token: registers that an ended program left behind do too.
-    fn is_named(&self, seen: &Seen) -> bool {
+    fn is_named(&self, seen: &Observation) -> bool {
         seen.runtime_state == RUNTIME_PLAYING && self.token != 0 && seen.answer.session == self.token
     }
 
     /// Whether our program has ended, whatever the phase, and why, once that is known. A safety stop and an
     /// arm without power explain themselves.
-    fn ended(&mut self, now_s: f64, seen: &Seen) -> Option<Reason> {
+    fn ended(&mut self, now_s: f64, seen: &Observation) -> Option<HaltReason> {
         if std::mem::take(&mut self.error_news) {
             self.error_s = Some(now_s);
         }
@@ -289,7 +286,7 @@ impl Machine {
         if runs && self.token != 0 && seen.answer.session == self.token {
             self.alive = true;
         } else if std::mem::take(&mut self.alive) {
-            self.end = Some(End { at_s: now_s, starved: seen.starved });
+            self.end = Some(ProgramEnd { at_s: now_s, starved: seen.starved });
         }
         // A program runs, and it is not ours, which the controller would have ended by now.
         let playing = seen.runtime_state == RUNTIME_PLAYING;
@@ -298,7 +295,7 @@ impl Machine {
             self.playing_s = None;
         } else if self.alive && seen.silence_s.min(now_s - since_s) > REPLACED_S {
             self.alive = false;
-            return Some(Reason::Replaced);
+            return Some(HaltReason::Replaced);
         }
         let end = self.end?;
         if !matches!(seen.safety_mode, 1 | 2) || seen.robot_mode != 7 {
@@ -310,52 +307,56 @@ impl Machine {
         }
         self.end = None;
         if self.error_s.is_some_and(|error_s| (error_s - end.at_s).abs() <= EXPLAINED_S) {
-            return Some(Reason::ProgramFailed);
+            return Some(HaltReason::ProgramFailed);
         }
         // Ours does not start again by itself.
         if seen.runtime_state == RUNTIME_PLAYING {
-            return Some(Reason::Replaced);
+            return Some(HaltReason::Replaced);
         }
         if !end.starved {
-            return Some(Reason::StoppedByOperator);
+            return Some(HaltReason::StoppedByOperator);
         }
-        // What kept the counters away may be told already.
-        let told = matches!(self.reason, Some(Reason::CountersLate | Reason::NoAnswer));
-        (!told).then_some(Reason::StoppedByWatchdog)
+        // What kept the counters away may be reported already.
+        let reported = matches!(self.reason, Some(HaltReason::CountersLate | HaltReason::NoAnswer));
+        (!reported).then_some(HaltReason::StoppedByWatchdog)
     }
 
     /// Why the arm must not move, by what is seen in this state alone; the gravest first.
-    fn hindrance(&self, seen: &Seen, wanted: Wanted) -> Option<Reason> {
+    fn hindrance(&self, seen: &Observation, wanted: Wanted) -> Option<HaltReason> {
         match seen.safety_mode {
             1 | 2 => {}
-            3 => return Some(Reason::ProtectiveStop),
-            4 => return Some(Reason::Recovery),
-            5 => return Some(Reason::SafeguardStop),
-            6 | 7 => return Some(Reason::EmergencyStop),
-            _ => return Some(Reason::SafetyFault),
+            3 => return Some(HaltReason::ProtectiveStop),
+            4 => return Some(HaltReason::Recovery),
+            5 => return Some(HaltReason::SafeguardStop),
+            6 | 7 => return Some(HaltReason::EmergencyStop),
+            _ => return Some(HaltReason::SafetyFault),
         }
         match seen.robot_mode {
             7 => {}
-            6 => return Some(Reason::Backdrive),
-            -1..=2 | 8 => return Some(Reason::Booting),
-            _ => return Some(Reason::NotRunning),
+            6 => return Some(HaltReason::Backdrive),
+            -1..=2 | 8 => return Some(HaltReason::Booting),
+            _ => return Some(HaltReason::NotRunning),
         }
         if self.agreed == Some(false) {
-            return Some(Reason::OtherSettings);
+            return Some(HaltReason::OtherSettings);
         }
         if (RUNTIME_PAUSING..=RUNTIME_RESUMING).contains(&seen.runtime_state) {
-            return Some(Reason::Paused);
+            return Some(HaltReason::Paused);
         }
         let ours = self.token != 0 && seen.answer.session == self.token;
         let begins = matches!(self.phase, Phase::Starting { .. });
         if ours && !begins && seen.runtime_state == RUNTIME_PLAYING && !(seen.speed >= FULL_SPEED) {
-            return Some(Reason::Slowed);
+            return Some(HaltReason::Slowed);
         }
         if matches!(self.phase, Phase::Following { .. }) {
-            let stopped_by_itself = seen.answer.used == self.leaves.newest();
+            let stopped_by_itself = seen.answer.used == self.permits.newest();
             match seen.answer.program() {
-                ProgramState::StoppedLate if ours && stopped_by_itself => return Some(Reason::CountersLate),
-                ProgramState::StoppedJump if ours && stopped_by_itself => return Some(Reason::TargetJump),
+                ProgramState::StoppedLate if ours && stopped_by_itself => {
+                    return Some(HaltReason::CountersLate);
+                }
+                ProgramState::StoppedJump if ours && stopped_by_itself => {
+                    return Some(HaltReason::TargetJump);
+                }
                 _ => {}
             }
         }
@@ -365,10 +366,10 @@ impl Machine {
         }
         // Where our program runs nothing needs remote control any more; what has to be sent does.
         (self.remote == Some(false) && !(ours && seen.runtime_state == RUNTIME_PLAYING))
-            .then_some(Reason::LocalControl)
+            .then_some(HaltReason::LocalControl)
     }
 
-    fn block(&mut self, reason: Reason, now_s: f64) -> Act {
+    fn block(&mut self, reason: HaltReason, now_s: f64) -> Act {
         if !self.is_final() {
             self.reason = Some(reason);
         }
@@ -377,10 +378,10 @@ impl Machine {
     }
 
     /// Nothing stands in the way: is there a program, and whose?
-    fn get_ready(&mut self, now_s: f64, seen: &Seen, named: bool, fresh: bool) -> Act {
+    fn get_ready(&mut self, now_s: f64, seen: &Observation, named: bool, fresh: bool) -> Act {
         if seen.runtime_state == RUNTIME_PLAYING {
             return match (fresh, named) {
-                // Stopped by itself or waiting: it takes the next leave either way.
+                // Stopped by itself or waiting: it takes the next permit either way.
                 (true, true) => {
                     self.phase = Phase::Ready;
                     Act::Wait
@@ -388,8 +389,8 @@ impl Machine {
                 (true, false) => Act::EndEarlier,
                 // After a connection was made, a program needs a moment to echo.
                 (false, _) if seen.silence_s <= SILENT_S => Act::Wait,
-                (false, _) if self.alive => self.block(Reason::NoAnswer, now_s),
-                (false, _) => self.block(Reason::ForeignProgram, now_s),
+                (false, _) if self.alive => self.block(HaltReason::NoAnswer, now_s),
+                (false, _) => self.block(HaltReason::ForeignProgram, now_s),
             };
         }
         if seen.runtime_state != RUNTIME_STOPPED || now_s < self.next_upload_s {
@@ -401,12 +402,19 @@ impl Machine {
         Act::Upload
     }
 
-    fn follow(&mut self, now_s: f64, seen: &Seen, wanted: Wanted, commanded_s: f64, since_s: f64) -> Act {
-        let leave = self.leaves.newest();
-        let obeys = seen.answer.used == leave && seen.answer.program() == ProgramState::Following;
+    fn follow(
+        &mut self,
+        now_s: f64,
+        seen: &Observation,
+        wanted: Wanted,
+        commanded_s: f64,
+        since_s: f64,
+    ) -> Act {
+        let permit = self.permits.newest();
+        let obeys = seen.answer.used == permit && seen.answer.program() == ProgramState::Following;
         let waited = now_s - since_s > OBEYS_S;
         if (waited && !obeys) || seen.silence_s > SILENT_S {
-            return self.block(Reason::NoAnswer, now_s);
+            return self.block(HaltReason::NoAnswer, now_s);
         }
         let commanded_s = if wanted.commanding { now_s } else { commanded_s };
         if now_s - commanded_s > IDLE_S {
@@ -414,10 +422,10 @@ impl Machine {
             return Act::Wait;
         }
         self.phase = Phase::Following { commanded_s, since_s };
-        Act::Follow(leave)
+        Act::Follow(permit)
     }
 
-    /// Whoever runs the bridge has to start it anew.
+    /// Whoever runs the bridge has to start it again.
     #[must_use]
     pub fn is_final(&self) -> bool {
         self.reason.is_some_and(|reason| reason.returns() == Return::NewBridge)
@@ -425,13 +433,13 @@ impl Machine {
 }
 
 impl Act {
-    /// The leave that goes with it.
+    /// The permit that goes with it.
     #[must_use]
-    pub const fn leave(self) -> i32 {
+    pub const fn permit(self) -> i32 {
         match self {
-            Self::Wait | Self::Upload => NO_LEAVE,
+            Self::Wait | Self::Upload => NO_PERMIT,
             Self::EndEarlier => super::registers::END,
-            Self::Follow(leave) => leave,
+            Self::Follow(permit) => permit,
         }
     }
 }

@@ -1,17 +1,15 @@
 //! Why the arm does not follow: in plain words, whose turn it is, and how to go on.
 //!
 //! Contract: every reason stops the arm and is latched: after it, the arm moves again only after somebody has
-//! armed the daemon anew. What differs is what has to happen before arming is possible.
+//! armed the daemon again. What differs is what has to happen before arming is possible.
 
 use serde::Serialize;
 
 /// Why the arm does not follow.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Reason {
-    /// Protective stop.
+pub enum HaltReason {
     ProtectiveStop,
-    /// Safeguard stop.
     SafeguardStop,
     /// Emergency stop of the robot or of the system around it.
     EmergencyStop,
@@ -23,9 +21,7 @@ pub enum Reason {
     NotRunning,
     /// Booting, or safety settings to be confirmed, or a firmware update.
     Booting,
-    /// Moved by hand.
     Backdrive,
-    /// Program paused.
     Paused,
     /// Speed slider or the controller's own limits.
     Slowed,
@@ -45,7 +41,6 @@ pub enum Reason {
     NoAnswer,
     /// Our program did not start.
     DidNotStart,
-    /// Another program runs.
     ForeignProgram,
     /// The controller is in local control.
     LocalControl,
@@ -75,43 +70,11 @@ pub enum Return {
     ByItself,
     /// An operator acts on the pendant; then the bridge gets ready by itself.
     Operator,
-    /// Whoever runs the bridge starts it anew.
+    /// Whoever runs the bridge starts it again.
     NewBridge,
 }
 
-impl Reason {
-    /// Every reason.
-    pub const ALL: [Self; 28] = [
-        Self::ProtectiveStop,
-        Self::SafeguardStop,
-        Self::EmergencyStop,
-        Self::SafetyFault,
-        Self::Recovery,
-        Self::NotRunning,
-        Self::Booting,
-        Self::Backdrive,
-        Self::Paused,
-        Self::Slowed,
-        Self::StoppedByOperator,
-        Self::Replaced,
-        Self::StoppedByWatchdog,
-        Self::CountersLate,
-        Self::TargetJump,
-        Self::ProgramFailed,
-        Self::NoAnswer,
-        Self::DidNotStart,
-        Self::ForeignProgram,
-        Self::LocalControl,
-        Self::InUse,
-        Self::Unreachable,
-        Self::ServiceOff,
-        Self::ConnectionLost,
-        Self::Restarted,
-        Self::Uncalibrated,
-        Self::DoesNotFit,
-        Self::OtherSettings,
-    ];
-
+impl HaltReason {
     /// Whose turn it is.
     #[must_use]
     pub const fn returns(self) -> Return {
@@ -146,7 +109,6 @@ impl Reason {
         }
     }
 
-    /// What happened.
     #[must_use]
     pub const fn text(self) -> &'static str {
         match self {
@@ -239,7 +201,7 @@ impl Reason {
     }
 }
 
-impl std::fmt::Display for Reason {
+impl std::fmt::Display for HaltReason {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "{}; {}", self.text(), self.remedy())
     }
@@ -250,20 +212,56 @@ mod tests {
     use super::*;
     use std::collections::HashSet;
 
+    impl HaltReason {
+        pub const ALL: [Self; 28] = [
+            Self::ProtectiveStop,
+            Self::SafeguardStop,
+            Self::EmergencyStop,
+            Self::SafetyFault,
+            Self::Recovery,
+            Self::NotRunning,
+            Self::Booting,
+            Self::Backdrive,
+            Self::Paused,
+            Self::Slowed,
+            Self::StoppedByOperator,
+            Self::Replaced,
+            Self::StoppedByWatchdog,
+            Self::CountersLate,
+            Self::TargetJump,
+            Self::ProgramFailed,
+            Self::NoAnswer,
+            Self::DidNotStart,
+            Self::ForeignProgram,
+            Self::LocalControl,
+            Self::InUse,
+            Self::Unreachable,
+            Self::ServiceOff,
+            Self::ConnectionLost,
+            Self::Restarted,
+            Self::Uncalibrated,
+            Self::DoesNotFit,
+            Self::OtherSettings,
+        ];
+    }
+
     #[test]
     fn every_reason_has_words_of_its_own_and_a_way_on() {
-        let texts: HashSet<_> = Reason::ALL.iter().map(|reason| reason.text()).collect();
-        assert_eq!(texts.len(), Reason::ALL.len());
-        for reason in Reason::ALL {
+        let texts: HashSet<_> = HaltReason::ALL.iter().map(|reason| reason.text()).collect();
+        assert_eq!(texts.len(), HaltReason::ALL.len());
+        for reason in HaltReason::ALL {
             assert!(reason.remedy().len() > 10 && reason.text().len() > 5, "{reason}");
         }
     }
 
     #[test]
     fn safety_stops_are_an_operators_to_end() {
-        for reason in
-            [Reason::ProtectiveStop, Reason::SafeguardStop, Reason::EmergencyStop, Reason::SafetyFault]
-        {
+        for reason in [
+            HaltReason::ProtectiveStop,
+            HaltReason::SafeguardStop,
+            HaltReason::EmergencyStop,
+            HaltReason::SafetyFault,
+        ] {
             assert_eq!(reason.returns(), Return::Operator);
         }
     }

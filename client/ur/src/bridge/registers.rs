@@ -13,31 +13,31 @@ pub const LAST_BASE: u32 = 30;
 
 /// Names and numbers of the registers in use.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Registers {
+pub struct RegisterMap {
     base: u32,
 }
 
 /// What goes in, once a cycle.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Inputs {
+pub struct RegisterInputs {
     /// Of this package; never twice the same in a row.
     pub counter: i32,
-    /// Number of the leave to move; see [`NO_LEAVE`] and [`END`].
-    pub leave: i32,
+    /// Number of the permit to move; see [`NO_PERMIT`] and [`END`].
+    pub permit: i32,
     /// Joint positions to be reached at the end of the cycle that reads them \[rad\].
     pub q: [f64; JOINTS],
     /// Their velocity \[rad/s\].
     pub qd: [f64; JOINTS],
 }
 
-/// No leave to move.
-pub const NO_LEAVE: i32 = 0;
+/// No permit to move.
+pub const NO_PERMIT: i32 = 0;
 /// The program is to end.
 pub const END: i32 = -1;
 
 /// What the program answers, once a cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Answer {
+pub struct ProgramAnswer {
     /// Counter that it read in this cycle.
     pub echo: i32,
     /// What it is doing.
@@ -46,7 +46,7 @@ pub struct Answer {
     pub session: i32,
     /// Cycles in which it found no fresh counter.
     pub late: i32,
-    /// Leave obeyed, or used up.
+    /// Permit obeyed, or used up.
     pub used: i32,
     /// Why it stopped by itself.
     pub why: i32,
@@ -57,9 +57,8 @@ pub struct Answer {
 /// What the program says that it is doing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ProgramState {
-    /// Waits for a leave.
+    /// Waits for a permit.
     Waiting,
-    /// Follows.
     Following,
     /// Stopped by itself: counters stayed away.
     StoppedLate,
@@ -69,7 +68,7 @@ pub enum ProgramState {
     Unknown,
 }
 
-impl Answer {
+impl ProgramAnswer {
     /// What the program is doing.
     #[must_use]
     pub const fn program(&self) -> ProgramState {
@@ -82,24 +81,18 @@ impl Answer {
         }
     }
 
-    /// Of what the output integers say, in the order of [`Registers::answer_names`].
+    /// Of what the output integers say, in the order of [`RegisterMap::answer_names`].
     #[must_use]
     pub const fn from_words([echo, state, session, late, used, why, lost]: [i32; 7]) -> Self {
         Self { echo, state, session, late, used, why, lost }
     }
 }
 
-impl Registers {
+impl RegisterMap {
     /// The registers from `base`; `None` where they would leave 24 to 41.
     #[must_use]
     pub fn at(base: u32) -> Option<Self> {
         (FIRST_BASE..=LAST_BASE).contains(&base).then_some(Self { base })
-    }
-
-    /// First register of a kind.
-    #[must_use]
-    pub const fn base(&self) -> u32 {
-        self.base
     }
 
     /// Input integer with the counter.
@@ -108,9 +101,9 @@ impl Registers {
         self.base
     }
 
-    /// Input integer with the leave.
+    /// Input integer with the permit.
     #[must_use]
-    pub const fn leave(&self) -> u32 {
+    pub const fn permit(&self) -> u32 {
         self.base + 1
     }
 
@@ -120,21 +113,21 @@ impl Registers {
         self.base + i
     }
 
-    /// Output integer `i`, 0 to 6, in the order of [`Answer`]'s fields.
+    /// Output integer `i`, 0 to 6, in the order of [`ProgramAnswer`]'s fields.
     #[must_use]
     pub const fn output(&self, i: u32) -> u32 {
         self.base + i
     }
 
-    /// RTDE names of the inputs: counter, leave, then 12 doubles.
+    /// RTDE names of the inputs: counter, permit, then 12 doubles.
     #[must_use]
     pub fn input_names(&self) -> Vec<String> {
-        let integers = [self.counter(), self.leave()].map(|n| format!("input_int_register_{n}"));
+        let integers = [self.counter(), self.permit()].map(|n| format!("input_int_register_{n}"));
         let doubles = (0..12).map(|i| format!("input_double_register_{}", self.double(i)));
         integers.into_iter().chain(doubles).collect()
     }
 
-    /// RTDE names of the outputs, in the order of [`Answer::from_words`].
+    /// RTDE names of the outputs, in the order of [`ProgramAnswer::from_words`].
     #[must_use]
     pub fn answer_names(&self) -> [String; 7] {
         [0, 1, 2, 3, 4, 5, 6].map(|i| format!("output_int_register_{}", self.output(i)))
@@ -153,13 +146,11 @@ impl Numbers {
         Self((seed & 0x3fff_ffff) as i32)
     }
 
-    /// The next one.
     pub fn next_number(&mut self) -> i32 {
         self.0 = self.0.checked_add(1).filter(|next| *next > 0).unwrap_or(1);
         self.0
     }
 
-    /// The newest one.
     #[must_use]
     pub const fn newest(&self) -> i32 {
         self.0
@@ -205,18 +196,18 @@ mod tests {
     #[test]
     fn every_legal_base_stays_within_registers_24_to_41() {
         for base in 24..=30 {
-            let registers = Registers::at(base).unwrap();
+            let registers = RegisterMap::at(base).unwrap();
             for name in registers.input_names().iter().chain(&registers.answer_names()) {
                 let number: u32 = name.rsplit('_').next().unwrap().parse().unwrap();
                 assert!((24..=41).contains(&number), "{name}");
             }
         }
-        assert!(Registers::at(23).is_none() && Registers::at(31).is_none());
+        assert!(RegisterMap::at(23).is_none() && RegisterMap::at(31).is_none());
     }
 
     #[test]
     fn inputs_are_registers_only_and_none_twice() {
-        let mut names = Registers::at(24).unwrap().input_names();
+        let mut names = RegisterMap::at(24).unwrap().input_names();
         assert_eq!(names.len(), 14);
         assert!(names.iter().all(|name| name.starts_with("input_") && name.contains("_register_")));
         names.sort();
@@ -235,7 +226,7 @@ mod tests {
 
     #[test]
     fn words_that_the_program_never_writes_are_no_state() {
-        let state = |state, why| Answer { state, why, ..Answer::default() }.program();
+        let state = |state, why| ProgramAnswer { state, why, ..ProgramAnswer::default() }.program();
         assert_eq!(state(3, 1), ProgramState::StoppedLate);
         assert_eq!(state(3, 2), ProgramState::StoppedJump);
         for (s, why) in [(0, 0), (3, 0), (3, 3), (4, 0), (-1, 1), (i32::MIN, i32::MAX)] {

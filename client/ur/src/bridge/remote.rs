@@ -4,16 +4,11 @@
 //! a stop.
 
 use std::net::SocketAddr;
-use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
-use std::sync::{Arc, mpsc};
+use std::sync::{Arc, Mutex, PoisonError, mpsc};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 use crate::dashboard::Dashboard;
-
-const UNKNOWN: u8 = 0;
-const REMOTE: u8 = 1;
-const LOCAL: u8 = 2;
 
 const EVERY: Duration = Duration::from_secs(1);
 const PATIENCE: Duration = Duration::from_millis(800);
@@ -21,9 +16,8 @@ const PATIENCE: Duration = Duration::from_millis(800);
 /// The watch; ends with its owner, within a second.
 #[derive(Debug)]
 pub struct RemoteWatch {
-    seen: Arc<AtomicU8>,
-    ended: Arc<AtomicBool>,
-    /// Closed to wake the thread up.
+    newest: Arc<Mutex<Option<bool>>>,
+    /// Closed to end the thread.
     wake: Option<mpsc::Sender<()>>,
     thread: Option<JoinHandle<()>>,
 }
@@ -35,48 +29,37 @@ impl RemoteWatch {
     ///
     /// Where the system gives no thread.
     pub fn begin(address: SocketAddr) -> std::io::Result<Self> {
-        let (seen, ended) = (Arc::new(AtomicU8::new(UNKNOWN)), Arc::new(AtomicBool::new(false)));
+        let newest = Arc::new(Mutex::new(None));
         let (wake, woken) = mpsc::channel::<()>();
-        let (told, over) = (seen.clone(), ended.clone());
+        let answers = newest.clone();
         let thread = thread::Builder::new().name("ur-remote".to_owned()).spawn(move || {
             let mut dashboard = None;
-            while !over.load(Ordering::Relaxed) {
+            loop {
                 if dashboard.is_none() {
                     dashboard = Dashboard::connect(address, PATIENCE).ok();
                 }
                 let answer = dashboard.as_mut().and_then(|dashboard| dashboard.remote_control().ok());
-                let word = match answer {
-                    Some(Some(true)) => REMOTE,
-                    Some(Some(false)) => LOCAL,
-                    Some(None) => UNKNOWN,
-                    None => {
-                        dashboard = None;
-                        UNKNOWN
-                    }
-                };
-                told.store(word, Ordering::Relaxed);
+                if answer.is_none() {
+                    dashboard = None;
+                }
+                *answers.lock().unwrap_or_else(PoisonError::into_inner) = answer.flatten();
                 if !matches!(woken.recv_timeout(EVERY), Err(mpsc::RecvTimeoutError::Timeout)) {
                     return;
                 }
             }
         })?;
-        Ok(Self { seen, ended, wake: Some(wake), thread: Some(thread) })
+        Ok(Self { newest, wake: Some(wake), thread: Some(thread) })
     }
 
-    /// What was heard last; `None`: not known.
+    /// The newest answer; `None`: not known.
     #[must_use]
     pub fn remote(&self) -> Option<bool> {
-        match self.seen.load(Ordering::Relaxed) {
-            REMOTE => Some(true),
-            LOCAL => Some(false),
-            _ => None,
-        }
+        *self.newest.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
 impl Drop for RemoteWatch {
     fn drop(&mut self) {
-        self.ended.store(true, Ordering::Relaxed);
         drop(self.wake.take());
         if let Some(thread) = self.thread.take() {
             let _ = thread.join();

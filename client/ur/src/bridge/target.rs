@@ -4,7 +4,8 @@
 //! brakes as the daemon expects of a consumer (`guard::consumer_state`), so that after a stall both continue
 //! from the same place. A command that asks for more than the arm could do between two targets is refused.
 
-use foretrace_client::{Demand, JOINTS, JointCommand, command_flags, demand_at};
+use foretrace_client::wire::command_flags;
+use foretrace_client::{Demand, JOINTS, JointCommand, demand_at};
 use foretrace_control::arm::JointLimits;
 use foretrace_control::arm::limits::JointMotion;
 use foretrace_control::guard::{Commanded, consumer_state};
@@ -14,7 +15,7 @@ use super::program::reach;
 
 /// Turns commands into targets.
 #[derive(Debug, Clone)]
-pub struct Targets {
+pub struct TargetTracker {
     limits: JointLimits<JOINTS>,
     cycle_s: f64,
     newest: Option<JointCommand>,
@@ -42,7 +43,7 @@ pub enum Target {
     },
 }
 
-impl Targets {
+impl TargetTracker {
     /// For an arm with these limits behind a controller that cycles every `cycle_s`.
     #[must_use]
     pub const fn new(limits: JointLimits<JOINTS>, cycle_s: f64) -> Self {
@@ -54,12 +55,11 @@ impl Targets {
         self.newest = Some(*command);
     }
 
-    /// A leave begins with the arm at rest at `q` \[rad\]: whatever was aimed at before is past.
+    /// A permit begins with the arm at rest at `q` \[rad\]: whatever was aimed at before is past.
     pub fn begin(&mut self, instant_ns: u64, q: [f64; JOINTS]) {
         self.last = Some((instant_ns, JointMotion { q, qd: [0.0; JOINTS], qdd: [0.0; JOINTS] }));
     }
 
-    /// The newest command.
     #[must_use]
     pub const fn newest(&self) -> Option<&JointCommand> {
         self.newest.as_ref()
@@ -120,11 +120,11 @@ mod tests {
 
     const TICK_NS: u64 = 2_000_000;
 
-    fn targets() -> Targets {
+    fn targets() -> TargetTracker {
         let limits = JointLimits::new([[-6.0, 6.0]; JOINTS], [3.0; JOINTS], [20.0; JOINTS])
             .and_then(|limits| limits.with_stale_braking(0.01, [10.0; JOINTS]))
             .unwrap();
-        Targets::new(limits, 0.008)
+        TargetTracker::new(limits, 0.008)
     }
 
     fn command(stamp_ns: u64, q: f64, qd: f64) -> JointCommand {
@@ -187,7 +187,7 @@ mod tests {
         let Target::Jump { joint, away, reach } = targets.at(1_008_000_000) else { panic!() };
         assert_eq!(joint, 3);
         assert!((away - 0.2).abs() < 1e-12 && reach < 0.1);
-        // With another leave the arm begins from where it is.
+        // With another permit the arm begins from where it is.
         targets.begin(1_008_000_000, far.q);
         assert!(matches!(targets.at(1_016_000_000), Target::Follow(_)));
     }
@@ -205,5 +205,39 @@ mod tests {
         targets.take(&JointCommand { flags: 0, ..command(1_000_000_000, 0.5, 1.0) });
         let Target::Brake(motion) = targets.at(1_004_000_000) else { panic!() };
         assert_eq!((motion.q[0], motion.qd[0]), (0.5, 0.0));
+    }
+
+    /// Cycles of the joints at 2.9 rad/s from 0, and what becomes of a target `after_ns` later at `q`.
+    fn next(after_ns: u64, q: f64) -> Target {
+        let (mut targets, begin_ns) = (targets(), 1_000_000_000);
+        targets.take(&command(begin_ns, 0.0, 2.9));
+        assert!(matches!(targets.at(begin_ns), Target::Follow(_)));
+        targets.take(&command(begin_ns + after_ns, q, 2.9));
+        targets.at(begin_ns + after_ns)
+    }
+
+    #[test]
+    fn a_target_is_judged_by_where_the_one_before_leads_and_for_five_cycles_at_most() {
+        // A cycle of 8 ms leads 0.0232 rad on; reach is 2 · 3 · 0.008 + 0.5 · 20 · 0.04² = 0.064 rad.
+        for (q, follows) in [(0.0232, true), (0.087, true), (0.0875, false), (-0.0405, true), (-0.041, false)]
+        {
+            assert_eq!(matches!(next(8_000_000, q), Target::Follow(_)), follows, "{q}");
+        }
+        // After a second it counts as five cycles on: 0.116 rad.
+        for (q, follows) in [(0.116, true), (0.0525, true), (0.0515, false), (0.1795, true), (0.1805, false)]
+        {
+            assert_eq!(matches!(next(1_000_000_000, q), Target::Follow(_)), follows, "{q}");
+        }
+    }
+
+    #[test]
+    fn a_command_asks_for_motion_while_it_is_enabled_and_valid() {
+        let mut targets = targets();
+        let sent = command(1_000_000_000, 0.5, 1.0);
+        targets.take(&sent);
+        assert_eq!(targets.newest().map(|newest| newest.valid_until_ns), Some(sent.valid_until_ns));
+        assert!(targets.commanding(sent.valid_until_ns - 1) && !targets.commanding(sent.valid_until_ns + 1));
+        targets.take(&JointCommand { flags: 0, ..sent });
+        assert!(!targets.commanding(1_000_000_001));
     }
 }

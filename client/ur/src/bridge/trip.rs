@@ -4,7 +4,7 @@
 //! Contract: in cycles of the controller's own clock, so that this host's delays on the way back do not count
 //! twice.
 
-use super::registers::Answer;
+use super::registers::ProgramAnswer;
 
 /// Counters under way that are remembered, 0.5 s at 500 Hz.
 const REMEMBERED: usize = 256;
@@ -73,7 +73,7 @@ impl Trips {
     }
 
     /// The program's answer in the state stamped `timestamp_s`. Returns whether it has read something new.
-    pub fn answered(&mut self, answer: &Answer, timestamp_s: f64) -> bool {
+    pub fn answered(&mut self, answer: &ProgramAnswer, timestamp_s: f64) -> bool {
         self.begun_s.get_or_insert(timestamp_s);
         // Both grow; less than before is another program.
         let grown = |now: i32, before: i32| u64::try_from(now.checked_sub(before).unwrap_or(0)).unwrap_or(0);
@@ -100,7 +100,7 @@ impl Trips {
         if let Some(recent) = self.recent.get_mut(length) {
             *recent += 1.0;
         }
-        self.settle();
+        self.choose_usual();
         true
     }
 
@@ -149,7 +149,7 @@ impl Trips {
     }
 
     /// Another length is usual once it is half as frequent again: a target's instant does not flicker.
-    fn settle(&mut self) {
+    fn choose_usual(&mut self) {
         let of = |length: usize| self.recent.get(length).copied().unwrap_or(0.0);
         let most =
             (0..=LONGEST).fold(self.usual, |most, length| if of(length) > of(most) { length } else { most });
@@ -169,7 +169,7 @@ mod tests {
         for cycle in 1..=cycles {
             let now = cycle as f64 * 0.008;
             let echo = cycle.saturating_sub(trip(cycle));
-            trips.answered(&Answer { echo: echo as i32, ..Answer::default() }, now);
+            trips.answered(&ProgramAnswer { echo: echo as i32, ..ProgramAnswer::default() }, now);
             trips.sent(cycle as i32, now);
         }
         trips
@@ -189,7 +189,7 @@ mod tests {
         for cycle in 101..600u64 {
             let (now, before) = (cycle as f64 * 0.008, trips.usual());
             let echo = (cycle - if (cycle / 3) % 2 == 0 { 1 } else { 2 }) as i32;
-            trips.answered(&Answer { echo, ..Answer::default() }, now);
+            trips.answered(&ProgramAnswer { echo, ..ProgramAnswer::default() }, now);
             trips.sent(cycle as i32, now);
             changes += usize::from(trips.usual() != before);
         }
@@ -199,7 +199,7 @@ mod tests {
     #[test]
     fn late_and_lost_are_summed_over_programs() {
         let mut trips = Trips::new(0.002, 1);
-        let answer = |late, lost| Answer { late, lost, ..Answer::default() };
+        let answer = |late, lost| ProgramAnswer { late, lost, ..ProgramAnswer::default() };
         trips.answered(&answer(3, 1), 0.0);
         trips.answered(&answer(5, 1), 0.1);
         // A new program begins at 0.
@@ -215,13 +215,13 @@ mod tests {
         let mut trips = Trips::new(0.002, 1);
         trips.sent(5, 1.0);
         for echo in [0, -1, 6, i32::MAX] {
-            assert!(!trips.answered(&Answer { echo, ..Answer::default() }, 1.004));
+            assert!(!trips.answered(&ProgramAnswer { echo, ..ProgramAnswer::default() }, 1.004));
         }
         assert!(!trips.is_echoed());
         assert!((trips.silence_s(1.104) - 0.1).abs() < 1e-12, "since the line began");
-        assert!(trips.answered(&Answer { echo: 5, ..Answer::default() }, 1.004));
+        assert!(trips.answered(&ProgramAnswer { echo: 5, ..ProgramAnswer::default() }, 1.004));
         assert!(trips.is_echoed());
-        assert!(!trips.answered(&Answer { echo: 5, ..Answer::default() }, 1.006));
+        assert!(!trips.answered(&ProgramAnswer { echo: 5, ..ProgramAnswer::default() }, 1.006));
         // Sent at 1.0, read a cycle later as usual.
         assert!((trips.silence_s(1.102) - 0.1).abs() < 1e-12);
         assert_eq!(trips.counts()[2], 1);

@@ -12,7 +12,7 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread;
 use std::time::Duration;
 
-use crate::primary::{Client, Package, PrimaryError, Said};
+use crate::primary::{MessageContent, PrimaryClient, PrimaryError, PrimaryPackage};
 
 /// Between two looks at whether all is over.
 const LOOK: Duration = Duration::from_millis(100);
@@ -23,7 +23,7 @@ const WAITING: usize = 32;
 
 /// What came of a program.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Heard {
+pub enum UploadEvent {
     /// The program ended by an error of its own.
     Exception(String),
     /// The controller tells something grave that need not be the program's.
@@ -35,7 +35,7 @@ pub enum Heard {
 /// A program on its way, or running.
 #[derive(Debug)]
 pub struct Upload {
-    heard: Receiver<Heard>,
+    heard: Receiver<UploadEvent>,
     over: Arc<AtomicBool>,
 }
 
@@ -52,14 +52,14 @@ impl Upload {
         thread::Builder::new().name("ur-program".to_owned()).spawn(move || {
             if let Err(error) = deliver(primary, &text, patience, &tell, &ends) {
                 // Nobody may be left to hear it.
-                let _ = tell.send(Heard::Lost(error));
+                let _ = tell.send(UploadEvent::Lost(error));
             }
         })?;
         Ok(Self { heard, over })
     }
 
     /// The oldest thing that was not heard yet; never waits.
-    pub fn heard(&mut self) -> Option<Heard> {
+    pub fn heard(&mut self) -> Option<UploadEvent> {
         self.heard.try_recv().ok()
     }
 }
@@ -71,27 +71,27 @@ impl Drop for Upload {
     }
 }
 
-/// Sends, then listens until nobody wants to hear any more. The words of an error are for people.
+/// Sends, then listens until nobody wants to hear any more. The words of an error are for readers.
 fn deliver(
     primary: SocketAddr,
     text: &str,
     patience: Duration,
-    tell: &SyncSender<Heard>,
+    tell: &SyncSender<UploadEvent>,
     over: &AtomicBool,
 ) -> Result<(), String> {
     let unsent = |error: PrimaryError| format!("the program could not be sent to port 30001: {error}");
-    let mut client = Client::connect(primary, patience).map_err(unsent)?;
-    client.send(text.as_bytes(), patience).map_err(unsent)?;
+    let mut client = PrimaryClient::connect(primary, patience).map_err(unsent)?;
+    client.send(text.as_bytes()).map_err(unsent)?;
     while !over.load(Ordering::Relaxed) {
         let received = client.receive(LOOK).map_err(|error| format!("port 30001: {error}"))?;
-        let Some(Package::Message(message)) = received else { continue };
+        let Some(PrimaryPackage::Message(message)) = received else { continue };
         let plain = |words: String| words.chars().filter(|c| !c.is_control()).take(LONGEST).collect();
-        let heard = match message.said {
-            Said::RuntimeException { line, column, text } => {
-                Heard::Exception(plain(format!("line {line}, column {column}: {text}")))
+        let heard = match message.content {
+            MessageContent::RuntimeException { line, column, text } => {
+                UploadEvent::Exception(plain(format!("line {line}, column {column}: {text}")))
             }
-            Said::Code { code, argument, level, text } if level >= 3 => {
-                Heard::Warning(plain(format!("C{code}A{argument}: {text}")))
+            MessageContent::Code { code, argument, level, text } if level >= 3 => {
+                UploadEvent::Warning(plain(format!("C{code}A{argument}: {text}")))
             }
             _ => continue,
         };
@@ -112,7 +112,7 @@ mod tests {
 
     const LONG: Duration = Duration::from_secs(20);
 
-    fn heard(upload: &mut Upload) -> Heard {
+    fn heard(upload: &mut Upload) -> UploadEvent {
         let begin = Instant::now();
         loop {
             if let Some(heard) = upload.heard() {
@@ -131,21 +131,26 @@ mod tests {
             let (mut stream, _) = listener.accept().unwrap();
             let mut text = [0; 9];
             stream.read_exact(&mut text).unwrap();
-            for said in [
-                Said::Text("hello".to_owned()),
-                Said::Code { code: 210, argument: 3, level: 3, text: "the cover is open".to_owned() },
-                Said::RuntimeException { line: 3, column: 7, text: "unknown\u{7} name".to_owned() },
+            for content in [
+                MessageContent::Text("hello".to_owned()),
+                MessageContent::Code {
+                    code: 210,
+                    argument: 3,
+                    level: 3,
+                    text: "the cover is open".to_owned(),
+                },
+                MessageContent::RuntimeException { line: 3, column: 7, text: "unknown\u{7} name".to_owned() },
             ] {
-                let message = RobotMessage { timestamp_us: 1, source: 7, said };
-                stream.write_all(&Package::Message(message).encode()).unwrap();
+                let message = RobotMessage { timestamp_us: 1, source: 7, content };
+                stream.write_all(&PrimaryPackage::Message(message).encode()).unwrap();
             }
             // The only connection: nothing is left unread on another one.
             listener.set_nonblocking(true).unwrap();
             (listener.accept().is_err(), stream, text)
         });
         let mut upload = Upload::begin(address, "def a():\n".to_owned(), LONG).unwrap();
-        assert_eq!(heard(&mut upload), Heard::Warning("C210A3: the cover is open".to_owned()));
-        assert_eq!(heard(&mut upload), Heard::Exception("line 3, column 7: unknown name".to_owned()));
+        assert_eq!(heard(&mut upload), UploadEvent::Warning("C210A3: the cover is open".to_owned()));
+        assert_eq!(heard(&mut upload), UploadEvent::Exception("line 3, column 7: unknown name".to_owned()));
         let (alone, _stream, text) = server.join().unwrap();
         assert!(alone);
         assert_eq!(text, *b"def a():\n");
@@ -158,8 +163,9 @@ mod tests {
         let server = thread::spawn(move || {
             let (mut stream, _) = listener.accept().unwrap();
             stream.set_write_timeout(Some(LONG)).unwrap();
-            let said = Said::Text("x".repeat(1000));
-            let state = Package::Message(RobotMessage { timestamp_us: 1, source: 7, said }).encode();
+            let content = MessageContent::Text("x".repeat(1000));
+            let state =
+                PrimaryPackage::Message(RobotMessage { timestamp_us: 1, source: 7, content }).encode();
             // Far more than the buffers of both ends hold.
             (0..20_000).all(|_| stream.write_all(&state).is_ok())
         });
@@ -169,10 +175,10 @@ mod tests {
     }
 
     #[test]
-    fn a_closed_port_is_told() {
+    fn a_closed_port_is_reported() {
         let nobody = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
         let mut upload = Upload::begin(nobody, "x".to_owned(), Duration::from_secs(1)).unwrap();
-        let Heard::Lost(words) = heard(&mut upload) else { panic!() };
+        let UploadEvent::Lost(words) = heard(&mut upload) else { panic!() };
         assert!(words.contains("could not be sent to port 30001"), "{words}");
     }
 }

@@ -6,9 +6,9 @@ use std::io::{ErrorKind, Read, Write};
 use std::net::{SocketAddr, TcpStream};
 use std::time::{Duration, Instant};
 
-use super::{LARGEST, Malformed, Package};
+use super::{LARGEST, Malformed, PrimaryPackage};
 
-/// Why there is no package.
+/// Why there is not a package.
 #[derive(Debug, thiserror::Error)]
 pub enum PrimaryError {
     /// No connection; the kind tells refusal from silence.
@@ -20,37 +20,34 @@ pub enum PrimaryError {
     /// It was closed from the other side.
     #[error("the controller closed the primary interface's connection")]
     Closed,
-    /// What came is no package.
+    /// What came is not a package.
     #[error("not the primary interface: {0}")]
     Malformed(#[from] Malformed),
 }
 
-/// A connection.
 #[derive(Debug)]
-pub struct Client {
+pub struct PrimaryClient {
     stream: TcpStream,
     bytes: Vec<u8>,
 }
 
-impl Client {
+impl PrimaryClient {
     /// Connects within `patience`.
     ///
     /// # Errors
     ///
     /// [`PrimaryError::Connect`].
     pub fn connect(address: SocketAddr, patience: Duration) -> Result<Self, PrimaryError> {
-        let stream = TcpStream::connect_timeout(&address, patience).map_err(PrimaryError::Connect)?;
-        stream.set_nodelay(true).map_err(PrimaryError::Connect)?;
+        let stream = crate::connect(address, patience).map_err(PrimaryError::Connect)?;
         Ok(Self { stream, bytes: Vec::new() })
     }
 
-    /// Sends a script, each write within `patience`.
+    /// Sends a script, each write within the patience of [`Self::connect`].
     ///
     /// # Errors
     ///
     /// [`PrimaryError::Broken`].
-    pub fn send(&mut self, script: &[u8], patience: Duration) -> Result<(), PrimaryError> {
-        self.stream.set_write_timeout(Some(patience)).map_err(PrimaryError::Broken)?;
+    pub fn send(&mut self, script: &[u8]) -> Result<(), PrimaryError> {
         self.stream.write_all(script).map_err(PrimaryError::Broken)
     }
 
@@ -59,12 +56,12 @@ impl Client {
     /// # Errors
     ///
     /// See [`PrimaryError`].
-    pub fn receive(&mut self, timeout: Duration) -> Result<Option<Package>, PrimaryError> {
+    pub fn receive(&mut self, timeout: Duration) -> Result<Option<PrimaryPackage>, PrimaryError> {
         let end = Instant::now() + timeout;
         let mut piece = [0; 4096];
         loop {
             let mut rest = &self.bytes[..];
-            let package = Package::take(&mut rest)?;
+            let package = PrimaryPackage::take(&mut rest)?;
             let used = self.bytes.len() - rest.len();
             self.bytes.drain(..used);
             let now = Instant::now();

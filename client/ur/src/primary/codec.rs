@@ -8,9 +8,14 @@ use super::state::{
 use crate::rtde::value::take;
 
 /// Reads numbers from the front of bytes.
-struct Reader<'a>(&'a [u8]);
+struct BodyReader<'a>(&'a [u8]);
 
-impl Reader<'_> {
+impl BodyReader<'_> {
+    /// Passes over what is not used.
+    fn skip<const BYTES: usize>(&mut self) -> Option<[u8; BYTES]> {
+        take(&mut self.0)
+    }
+
     fn u8(&mut self) -> Option<u8> {
         take(&mut self.0).map(|[byte]| byte)
     }
@@ -52,14 +57,18 @@ impl Reader<'_> {
     }
 }
 
-/// Appends numbers.
 trait Put {
     fn f64s(&mut self, numbers: &[f64]);
+    fn f32s(&mut self, numbers: &[f32]);
     fn bools(&mut self, bools: &[bool]);
 }
 
 impl Put for Vec<u8> {
     fn f64s(&mut self, numbers: &[f64]) {
+        numbers.iter().for_each(|number| self.extend_from_slice(&number.to_be_bytes()));
+    }
+
+    fn f32s(&mut self, numbers: &[f32]) {
         numbers.iter().for_each(|number| self.extend_from_slice(&number.to_be_bytes()));
     }
 
@@ -85,9 +94,7 @@ impl SubPackage {
                 for joint in joints {
                     b.f64s(&[joint.q_actual, joint.q_target, joint.qd_actual]);
                     // The fourth float is not used any more.
-                    for number in [joint.current, joint.voltage, joint.temperature, 0.0] {
-                        b.extend_from_slice(&number.to_be_bytes());
-                    }
+                    b.f32s(&[joint.current, joint.voltage, joint.temperature, 0.0]);
                     b.push(joint.mode);
                 }
                 1
@@ -95,10 +102,9 @@ impl SubPackage {
             Self::Tool(tool) => {
                 b.extend_from_slice(&[0, 0]);
                 b.f64s(&tool.analog_input);
-                b.extend_from_slice(&48f32.to_be_bytes());
+                b.f32s(&[48.0]);
                 b.push(tool.output_voltage);
-                b.extend_from_slice(&0f32.to_be_bytes());
-                b.extend_from_slice(&30f32.to_be_bytes());
+                b.f32s(&[0.0, 30.0]);
                 b.push(tool.mode);
                 2
             }
@@ -110,9 +116,7 @@ impl SubPackage {
                 b.extend_from_slice(&[0, 0]);
                 b.f64s(&board.analog_output);
                 // Temperature, voltage, current, current of the outputs.
-                for number in [30f32, 48.0, 1.0, 0.0] {
-                    b.extend_from_slice(&number.to_be_bytes());
-                }
+                b.f32s(&[30.0, 48.0, 1.0, 0.0]);
                 // Safety mode, reduced mode, no Euromap, four reserved, operational mode, enabling switch.
                 b.extend_from_slice(&[board.safety_mode, 0, 0, 0, 0, 0, 0, 0, 0]);
                 3
@@ -160,7 +164,7 @@ impl SubPackage {
     }
 
     pub(super) fn decode(kind: u8, body: &[u8]) -> Option<Self> {
-        let mut r = Reader(body);
+        let mut r = BodyReader(body);
         Some(match kind {
             0 => Self::RobotMode(RobotModeData {
                 timestamp_us: take(&mut r.0).map(u64::from_be_bytes)?,
@@ -183,41 +187,33 @@ impl SubPackage {
                 for joint in &mut joints {
                     let [q_actual, q_target, qd_actual] = r.f64s()?;
                     let (current, voltage, temperature) = (r.f32()?, r.f32()?, r.f32()?);
-                    r.f32()?;
+                    r.skip::<4>()?;
                     let mode = r.u8()?;
                     *joint = OneJoint { q_actual, q_target, qd_actual, current, voltage, temperature, mode };
                 }
                 Self::Joints(JointData(joints))
             }
             2 => {
-                r.u8()?;
-                r.u8()?;
+                r.skip::<2>()?;
                 let analog_input = r.f64s()?;
-                r.f32()?;
+                r.skip::<4>()?;
                 let output_voltage = r.u8()?;
-                r.f32()?;
-                r.f32()?;
+                r.skip::<8>()?;
                 Self::Tool(ToolData { analog_input, output_voltage, mode: r.u8()? })
             }
             3 => {
                 let (digital_input_bits, digital_output_bits) = (r.u32()?, r.u32()?);
-                r.u8()?;
-                r.u8()?;
+                r.skip::<2>()?;
                 let analog_input = r.f64s()?;
-                r.u8()?;
-                r.u8()?;
+                r.skip::<2>()?;
                 let analog_output = r.f64s()?;
-                r.f32()?;
-                r.f32()?;
-                r.f32()?;
-                r.f32()?;
-                let safety_mode = r.u8()?;
+                r.skip::<16>()?;
                 Self::Masterboard(MasterboardData {
                     digital_input_bits,
                     digital_output_bits,
                     analog_input,
                     analog_output,
-                    safety_mode,
+                    safety_mode: r.u8()?,
                 })
             }
             // The offset came with 3.1.
@@ -228,14 +224,8 @@ impl SubPackage {
                     *sum = r.u32()?;
                 }
                 let (theta, a, d, alpha) = (r.f64s()?, r.f64s()?, r.f64s()?, r.f64s()?);
-                Self::Kinematics(KinematicsInfo {
-                    checksum,
-                    theta,
-                    a,
-                    d,
-                    alpha,
-                    calibration_status: r.u32()?,
-                })
+                let calibration_status = r.u32()?;
+                Self::Kinematics(KinematicsInfo { checksum, theta, a, d, alpha, calibration_status })
             }
             6 => Self::Configuration(ConfigurationData {
                 position_limits: r.pairs()?,

@@ -2,33 +2,27 @@
 
 use crate::rtde::value::take;
 
-/// A message.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct RobotMessage {
     /// \[µs\]
     pub timestamp_us: u64,
     /// −1 for none in particular, −2 safety, −3 … of other units (guide).
     pub source: i8,
-    /// What it says.
-    pub said: Said,
+    pub content: MessageContent,
 }
 
 /// What a message says, by its kind.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Said {
+pub enum MessageContent {
     /// 0: `textmsg` of a program.
     Text(String),
     /// 3: first on every connection.
     Version {
         /// `URControl`
         project: String,
-        /// As in RTDE.
         major: u8,
-        /// As in RTDE.
         minor: u8,
-        /// As in RTDE.
         bugfix: i32,
-        /// As in RTDE.
         build: i32,
         /// Date of the build.
         date: String,
@@ -41,16 +35,13 @@ pub enum Said {
         argument: i32,
         /// 0 debug, 1 information, 2 warning, 3 violation, 4 fault.
         level: i32,
-        /// Its text.
         text: String,
     },
     /// 7: what happened to a program: `PROGRAM_XXX_STARTED` and the like.
     Key {
         /// A code, or 0.
         code: i32,
-        /// Its argument.
         argument: i32,
-        /// Upper-case word.
         title: String,
         /// Name of the program.
         text: String,
@@ -61,7 +52,6 @@ pub enum Said {
         line: i32,
         /// From 1.
         column: i32,
-        /// Why.
         text: String,
     },
     /// Another kind, passed over.
@@ -75,12 +65,12 @@ impl RobotMessage {
         let integers = |b: &mut Vec<u8>, numbers: &[i32]| {
             numbers.iter().for_each(|number| b.extend_from_slice(&number.to_be_bytes()));
         };
-        match &self.said {
-            Said::Text(text) => {
+        match &self.content {
+            MessageContent::Text(text) => {
                 b.push(0);
                 b.extend_from_slice(text.as_bytes());
             }
-            Said::Version { project, major, minor, bugfix, build, date } => {
+            MessageContent::Version { project, major, minor, bugfix, build, date } => {
                 b.push(3);
                 // The length is signed in some clients.
                 let project = project.get(..project.len().min(127)).unwrap_or("");
@@ -90,13 +80,13 @@ impl RobotMessage {
                 integers(&mut b, &[*bugfix, *build]);
                 b.extend_from_slice(date.as_bytes());
             }
-            Said::Code { code, argument, level, text } => {
+            MessageContent::Code { code, argument, level, text } => {
                 b.push(6);
                 // Type and value of the data that a code may have: none.
                 integers(&mut b, &[*code, *argument, *level, 0, 0]);
                 b.extend_from_slice(text.as_bytes());
             }
-            Said::Key { code, argument, title, text } => {
+            MessageContent::Key { code, argument, title, text } => {
                 b.push(7);
                 integers(&mut b, &[*code, *argument]);
                 let title = title.get(..title.len().min(255)).unwrap_or("");
@@ -104,12 +94,12 @@ impl RobotMessage {
                 b.extend_from_slice(title.as_bytes());
                 b.extend_from_slice(text.as_bytes());
             }
-            Said::RuntimeException { line, column, text } => {
+            MessageContent::RuntimeException { line, column, text } => {
                 b.push(10);
                 integers(&mut b, &[*line, *column]);
                 b.extend_from_slice(text.as_bytes());
             }
-            Said::Other(kind) => b.push(*kind),
+            MessageContent::Other(kind) => b.push(*kind),
         }
         b
     }
@@ -119,31 +109,31 @@ impl RobotMessage {
         let timestamp_us = take(rest).map(u64::from_be_bytes)?;
         let source = take(rest).map(i8::from_be_bytes)?;
         let [kind] = take(rest)?;
-        let said = match kind {
-            0 => Said::Text(text(rest)),
+        let content = match kind {
+            0 => MessageContent::Text(text(rest)),
             3 => {
                 let project = counted(rest)?;
                 let [major, minor] = take(rest)?;
                 let (bugfix, build) = (integer(rest)?, integer(rest)?);
-                Said::Version { project, major, minor, bugfix, build, date: text(rest) }
+                MessageContent::Version { project, major, minor, bugfix, build, date: text(rest) }
             }
             6 => {
                 let (code, argument, level) = (integer(rest)?, integer(rest)?, integer(rest)?);
                 integer(rest)?;
                 integer(rest)?;
-                Said::Code { code, argument, level, text: text(rest) }
+                MessageContent::Code { code, argument, level, text: text(rest) }
             }
             7 => {
                 let (code, argument) = (integer(rest)?, integer(rest)?);
-                Said::Key { code, argument, title: counted(rest)?, text: text(rest) }
+                MessageContent::Key { code, argument, title: counted(rest)?, text: text(rest) }
             }
             10 => {
                 let (line, column) = (integer(rest)?, integer(rest)?);
-                Said::RuntimeException { line, column, text: text(rest) }
+                MessageContent::RuntimeException { line, column, text: text(rest) }
             }
-            kind => Said::Other(kind),
+            kind => MessageContent::Other(kind),
         };
-        Some(Self { timestamp_us, source, said })
+        Some(Self { timestamp_us, source, content })
     }
 }
 

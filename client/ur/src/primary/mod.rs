@@ -11,11 +11,11 @@ mod codec;
 pub mod message;
 pub mod client;
 
-pub use client::{Client, PrimaryError};
-pub use message::{RobotMessage, Said};
+pub use client::{PrimaryClient, PrimaryError};
+pub use message::{MessageContent, RobotMessage};
 pub use state::{
     CartesianInfo, ConfigurationData, JointData, KinematicsInfo, MasterboardData, OneJoint, RobotModeData,
-    State, SubPackage, ToolData,
+    RobotState, SubPackage, ToolData,
 };
 
 use crate::rtde::value::take;
@@ -31,18 +31,17 @@ const HEADER: usize = 5;
 const STATE: u8 = 16;
 const MESSAGE: u8 = 20;
 
-/// A whole package.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Package {
+pub enum PrimaryPackage {
     /// Type 16: the robot's state.
-    State(State),
+    State(RobotState),
     /// Type 20: a message.
     Message(RobotMessage),
     /// Another type, passed over.
     Other(u8),
 }
 
-/// Bytes that are no package.
+/// Bytes that are not a package.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum Malformed {
     /// A size that cannot be.
@@ -53,7 +52,7 @@ pub enum Malformed {
     Payload(u8),
 }
 
-impl Package {
+impl PrimaryPackage {
     /// As bytes, header included.
     #[must_use]
     pub fn encode(&self) -> Vec<u8> {
@@ -72,7 +71,7 @@ impl Package {
     pub fn take(bytes: &mut &[u8]) -> Result<Option<Self>, Malformed> {
         let Some((kind, payload)) = unframe(bytes)? else { return Ok(None) };
         Ok(Some(match kind {
-            STATE => Self::State(State::decode(payload)?),
+            STATE => Self::State(RobotState::decode(payload)?),
             MESSAGE => Self::Message(RobotMessage::decode(payload).ok_or(Malformed::Payload(kind))?),
             kind => Self::Other(kind),
         }))

@@ -7,12 +7,10 @@ use super::{Malformed, unframe};
 
 /// Sub-packages of a state, in the order in which they came.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct State {
-    /// In order.
+pub struct RobotState {
     pub parts: Vec<SubPackage>,
 }
 
-/// A sub-package.
 #[derive(Debug, Clone, PartialEq)]
 pub enum SubPackage {
     /// 0
@@ -31,7 +29,6 @@ pub enum SubPackage {
     Configuration(ConfigurationData),
     /// 8: teach button pressed, enabled, inputs and outputs enabled.
     Additional([bool; 3]),
-    /// Passed over.
     Other(u8),
 }
 
@@ -44,11 +41,8 @@ pub struct RobotModeData {
     pub connected: bool,
     /// It is an arm, not a simulation of PolyScope's.
     pub enabled: bool,
-    /// Power is on.
     pub power_on: bool,
-    /// Emergency stop.
     pub emergency_stopped: bool,
-    /// Protective stop.
     pub protective_stopped: bool,
     /// A program is running.
     pub program_running: bool,
@@ -105,7 +99,6 @@ pub struct ToolData {
 pub struct MasterboardData {
     /// Bit by bit: 8 standard, 8 configurable, 2 of the tool.
     pub digital_input_bits: u32,
-    /// As the inputs.
     pub digital_output_bits: u32,
     /// \[V\] or \[A\]
     pub analog_input: [f64; 2],
@@ -118,7 +111,7 @@ pub struct MasterboardData {
 /// Sub-package 4: the tool centre point.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct CartesianInfo {
-    /// Place \[m\] and rotation vector \[rad\] in the base frame.
+    /// Position \[m\] and rotation vector \[rad\] in the base frame.
     pub pose: [f64; 6],
     /// The same from flange to tool centre point.
     pub tcp_offset: [f64; 6],
@@ -169,7 +162,7 @@ pub struct ConfigurationData {
     pub robot_subtype: i32,
 }
 
-impl State {
+impl RobotState {
     pub(super) fn payload(&self) -> Vec<u8> {
         self.parts.iter().flat_map(SubPackage::encode).collect()
     }
@@ -182,11 +175,6 @@ impl State {
             parts.push(SubPackage::decode(kind, body).ok_or(Malformed::Payload(kind))?);
         }
         Ok(Self { parts })
-    }
-
-    /// The first sub-package that `pick` takes.
-    pub fn part<T>(&self, pick: impl Fn(&SubPackage) -> Option<T>) -> Option<T> {
-        self.parts.iter().find_map(pick)
     }
 
     /// Sub-package 5.

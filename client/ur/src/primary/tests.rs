@@ -69,20 +69,20 @@ fn parts() -> Vec<(SubPackage, usize)> {
 #[test]
 fn sub_packages_have_the_guides_sizes_and_come_back() {
     for (part, size) in parts() {
-        let package = Package::State(State { parts: vec![part] });
+        let package = PrimaryPackage::State(RobotState { parts: vec![part] });
         let bytes = package.encode();
         assert_eq!(bytes.len(), HEADER + size, "{package:?}");
         let mut rest = &bytes[..];
-        assert_eq!(Package::take(&mut rest), Ok(Some(package)));
+        assert_eq!(PrimaryPackage::take(&mut rest), Ok(Some(package)));
         assert!(rest.is_empty());
     }
 }
 
 #[test]
 fn messages_come_back() {
-    let said = [
-        Said::Text("hello".to_owned()),
-        Said::Version {
+    let content = [
+        MessageContent::Text("hello".to_owned()),
+        MessageContent::Version {
             project: "URControl".to_owned(),
             major: 5,
             minor: 11,
@@ -90,22 +90,27 @@ fn messages_come_back() {
             build: 2,
             date: "today".to_owned(),
         },
-        Said::Code { code: 153, argument: 0, level: 3, text: "deviates".to_owned() },
-        Said::Key { code: 0, argument: 0, title: "PROGRAM_XXX_STOPPED".to_owned(), text: "p".to_owned() },
-        Said::RuntimeException { line: 3, column: 4, text: "no".to_owned() },
-        Said::Other(9),
+        MessageContent::Code { code: 153, argument: 0, level: 3, text: "deviates".to_owned() },
+        MessageContent::Key {
+            code: 0,
+            argument: 0,
+            title: "PROGRAM_XXX_STOPPED".to_owned(),
+            text: "p".to_owned(),
+        },
+        MessageContent::RuntimeException { line: 3, column: 4, text: "no".to_owned() },
+        MessageContent::Other(9),
     ];
-    for said in said {
-        let package = Package::Message(RobotMessage { timestamp_us: 9, source: -1, said });
+    for content in content {
+        let package = PrimaryPackage::Message(RobotMessage { timestamp_us: 9, source: -1, content });
         let bytes = package.encode();
         let mut rest = &bytes[..];
-        assert_eq!(Package::take(&mut rest), Ok(Some(package)));
+        assert_eq!(PrimaryPackage::take(&mut rest), Ok(Some(package)));
     }
 }
 
 #[test]
 fn a_version_message_has_the_bytes_that_clients_read() {
-    let said = Said::Version {
+    let content = MessageContent::Version {
         project: "UR".to_owned(),
         major: 3,
         minor: 15,
@@ -113,7 +118,7 @@ fn a_version_message_has_the_bytes_that_clients_read() {
         build: 258,
         date: "d".to_owned(),
     };
-    let bytes = Package::Message(RobotMessage { timestamp_us: 1, source: -2, said }).encode();
+    let bytes = PrimaryPackage::Message(RobotMessage { timestamp_us: 1, source: -2, content }).encode();
     let wanted =
         [0, 0, 0, 29, 20, 0, 0, 0, 0, 0, 0, 0, 1, 254, 3, 2, b'U', b'R', 3, 15, 0, 0, 0, 8, 0, 0, 1, 2, b'd'];
     assert_eq!(bytes, wanted);
@@ -124,10 +129,12 @@ fn packages_of_later_versions_are_read_as_far_as_they_are_known() {
     let mut inner = framed(4, &[0; 96 + 8]);
     inner.extend(framed(12, &[1, 2, 3]));
     let bytes = framed(16, &inner);
-    let Ok(Some(Package::State(state))) = Package::take(&mut &bytes[..]) else { panic!("no state") };
+    let Ok(Some(PrimaryPackage::State(state))) = PrimaryPackage::take(&mut &bytes[..]) else {
+        panic!("no state")
+    };
     assert_eq!(state.parts, [SubPackage::Cartesian(CartesianInfo::default()), SubPackage::Other(12)]);
     let short = framed(16, &framed(4, &[0; 47]));
-    assert_eq!(Package::take(&mut &short[..]), Err(Malformed::Payload(4)));
+    assert_eq!(PrimaryPackage::take(&mut &short[..]), Err(Malformed::Payload(4)));
 }
 
 #[test]
@@ -140,9 +147,9 @@ fn sizes_that_cannot_be_are_refused_and_beginnings_waited_for() {
     ] {
         let mut bytes = i32::to_be_bytes(size).to_vec();
         bytes.extend_from_slice(&[16, 0, 0]);
-        assert_eq!(Package::take(&mut &bytes[..]), wanted, "{size}");
+        assert_eq!(PrimaryPackage::take(&mut &bytes[..]), wanted, "{size}");
     }
-    assert_eq!(Package::take(&mut &[0, 0, 0][..]), Ok(None));
+    assert_eq!(PrimaryPackage::take(&mut &[0, 0, 0][..]), Ok(None));
 }
 
 proptest! {
@@ -155,7 +162,7 @@ proptest! {
     ) {
         let bytes = framed(kind, &payload);
         let mut rest = &bytes[..];
-        if let Ok(Some(package)) = Package::take(&mut rest) {
+        if let Ok(Some(package)) = PrimaryPackage::take(&mut rest) {
             prop_assert!(rest.is_empty());
             prop_assert!(package.encode().len() <= LARGEST);
         }
@@ -164,13 +171,14 @@ proptest! {
     #[test]
     fn a_state_with_flipped_bytes_is_read_or_refused(at in 0usize..1100, to in any::<u8>()) {
         let mut bytes =
-            Package::State(State { parts: parts().into_iter().map(|(part, _)| part).collect() }).encode();
+            PrimaryPackage::State(RobotState { parts: parts().into_iter().map(|(part, _)| part).collect() })
+                .encode();
         if let Some(byte) = bytes.get_mut(at) {
             *byte = to;
         }
         let mut rest = &bytes[..];
         for _ in 0..bytes.len() {
-            match Package::take(&mut rest) {
+            match PrimaryPackage::take(&mut rest) {
                 Ok(Some(_)) => {}
                 Ok(None) | Err(_) => break,
             }
@@ -201,14 +209,14 @@ fn claimed_sizes_are_checked_before_anything_is_kept_and_trickles_end_in_time() 
                 sent = stream.write_all(&[0]);
             }
         });
-        let mut client = Client::connect(address, Duration::from_secs(5)).unwrap();
+        let mut client = PrimaryClient::connect(address, Duration::from_secs(5)).unwrap();
         let asked = Instant::now();
         let came = client.receive(Duration::from_millis(200));
         assert!(asked.elapsed() < Duration::from_secs(10), "{size}");
         match came {
             Ok(None) => assert!(believed, "{size}"),
-            Err(PrimaryError::Malformed(Malformed::Size(told))) => {
-                assert!(!believed && told == i64::from(size), "{size}: {told}");
+            Err(PrimaryError::Malformed(Malformed::Size(reported))) => {
+                assert!(!believed && reported == i64::from(size), "{size}: {reported}");
             }
             other => panic!("{size}: {other:?}"),
         }

@@ -1,20 +1,17 @@
 //! A blocking RTDE client: set up recipes, receive the newest output package, send input packages.
 //!
 //! Contract: every wait is bounded. After an error other than [`RtdeError::NotFound`], [`RtdeError::InUse`]
-//! and [`RtdeError::Misfit`] the connection is of no use any more. 64 messages are kept.
+//! and [`RtdeError::Misfit`] the connection is of no use any more. Messages are passed over.
 
-use std::collections::VecDeque;
 use std::io::{ErrorKind, Read, Write};
 use std::net::{SocketAddr, TcpStream};
 use std::time::{Duration, Instant};
 
-use super::frames::{Frames, WireError};
-use super::recipe::{Misfit, Recipe};
-use super::value::Value;
-use super::wire::{Answer, ControllerVersion, Message, ProtocolVersion, Reply, Request};
+use super::frames::{Frames, RtdeWireError};
+use super::recipe::{Misfit, RtdeRecipe};
+use super::value::RtdeValue;
+use super::wire::{ControllerVersion, FieldAnswer, ProtocolVersion, RtdeReply, RtdeRequest};
 
-/// Messages that are kept.
-const MOST_MESSAGES: usize = 64;
 /// Most packages that are passed over while waiting for a reply.
 const MOST_PASSED: usize = 10_000;
 /// Bytes that are read at once.
@@ -37,7 +34,7 @@ pub enum RtdeError {
     Silent(Duration),
     /// What came is not RTDE.
     #[error("not RTDE: {0}")]
-    Wire(#[from] WireError),
+    Wire(#[from] RtdeWireError),
     /// The controller knows no version of the protocol that this client knows.
     #[error("the controller takes neither version 2 nor version 1 of the protocol")]
     Protocol,
@@ -55,65 +52,50 @@ pub enum RtdeError {
     Misfit(#[from] Misfit),
 }
 
-/// Inputs that were set up, for [`Client::send`].
+/// Inputs that were set up, for [`RtdeClient::send`].
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct InputRecipe(Recipe);
+pub struct InputRecipe(RtdeRecipe);
 
-impl InputRecipe {
-    /// Number and types.
-    #[must_use]
-    pub const fn recipe(&self) -> &Recipe {
-        &self.0
-    }
-}
-
-/// An output package.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Package {
+pub struct OutputPackage {
     /// In the order in which the outputs were set up.
-    pub values: Vec<Value>,
+    pub values: Vec<RtdeValue>,
     /// Older packages that came with it and were passed over.
     pub passed: usize,
 }
 
 /// A connection to RTDE.
 #[derive(Debug)]
-pub struct Client {
+pub struct RtdeClient {
     stream: TcpStream,
     frames: Frames,
     piece: Vec<u8>,
     version: ProtocolVersion,
-    outputs: Option<Recipe>,
-    messages: VecDeque<Message>,
+    outputs: Option<RtdeRecipe>,
     patience: Duration,
 }
 
-impl Client {
+impl RtdeClient {
     /// Connects and agrees on version 2 of the protocol, else 1. `patience` bounds this and every reply.
     ///
     /// # Errors
     ///
     /// See [`RtdeError`].
     pub fn connect(address: SocketAddr, patience: Duration) -> Result<Self, RtdeError> {
-        let stream = TcpStream::connect_timeout(&address, patience).map_err(RtdeError::Connect)?;
-        stream.set_nodelay(true).map_err(RtdeError::Connect)?;
-        stream.set_write_timeout(Some(patience)).map_err(RtdeError::Connect)?;
+        let stream = crate::connect(address, patience).map_err(RtdeError::Connect)?;
         let mut client = Self {
             stream,
             frames: Frames::default(),
             piece: vec![0; PIECE],
             version: ProtocolVersion::V1,
             outputs: None,
-            messages: VecDeque::new(),
             patience,
         };
         for version in [ProtocolVersion::V2, ProtocolVersion::V1] {
-            client.ask(&Request::Protocol(version.number()))?;
-            let accepted = client.reply(|reply| match reply {
-                Reply::Protocol(accepted) => Some(accepted),
-                _ => None,
-            })?;
-            if accepted {
+            client.ask(&RtdeRequest::Protocol(version.number()))?;
+            let accepted =
+                |reply| if let RtdeReply::Protocol(accepted) = reply { Some(accepted) } else { None };
+            if client.reply(accepted)? {
                 client.version = version;
                 return Ok(client);
             }
@@ -133,11 +115,10 @@ impl Client {
     ///
     /// See [`RtdeError`].
     pub fn controller_version(&mut self) -> Result<ControllerVersion, RtdeError> {
-        self.ask(&Request::ControllerVersion)?;
-        self.reply(|reply| match reply {
-            Reply::ControllerVersion(version) => Some(version),
-            _ => None,
-        })
+        self.ask(&RtdeRequest::ControllerVersion)?;
+        self.reply(
+            |reply| if let RtdeReply::ControllerVersion(version) = reply { Some(version) } else { None },
+        )
     }
 
     /// Sets up the outputs, in place of those before, at `frequency_hz` (the control rate in version 1).
@@ -148,10 +129,9 @@ impl Client {
     pub fn set_up_outputs(&mut self, names: &[&str], frequency_hz: f64) -> Result<(), RtdeError> {
         self.outputs = None;
         let owned = names.iter().map(|name| (*name).to_owned()).collect();
-        self.ask(&Request::Outputs { frequency: Some(frequency_hz), names: owned })?;
-        let (recipe, answers) = self.reply(|reply| match reply {
-            Reply::Outputs { recipe, answers } => Some((recipe, answers)),
-            _ => None,
+        self.ask(&RtdeRequest::Outputs { frequency: Some(frequency_hz), names: owned })?;
+        let (recipe, answers) = self.reply(|reply| {
+            if let RtdeReply::Outputs { recipe, answers } = reply { Some((recipe, answers)) } else { None }
         })?;
         let id = if self.version == ProtocolVersion::V1 { None } else { Some(recipe.unwrap_or(0)) };
         self.outputs = Some(agreed(names, &answers, id)?);
@@ -165,10 +145,9 @@ impl Client {
     /// [`RtdeError::NotFound`] and [`RtdeError::InUse`] with the first such field; see [`RtdeError`].
     pub fn set_up_inputs(&mut self, names: &[&str]) -> Result<InputRecipe, RtdeError> {
         let owned = names.iter().map(|name| (*name).to_owned()).collect();
-        self.ask(&Request::Inputs { names: owned })?;
-        let (recipe, answers) = self.reply(|reply| match reply {
-            Reply::Inputs { recipe, answers } => Some((recipe, answers)),
-            _ => None,
+        self.ask(&RtdeRequest::Inputs { names: owned })?;
+        let (recipe, answers) = self.reply(|reply| {
+            if let RtdeReply::Inputs { recipe, answers } = reply { Some((recipe, answers)) } else { None }
         })?;
         agreed(names, &answers, Some(recipe)).map(InputRecipe)
     }
@@ -179,26 +158,10 @@ impl Client {
     ///
     /// See [`RtdeError`].
     pub fn start(&mut self) -> Result<(), RtdeError> {
-        self.ask(&Request::Start)?;
-        let started = self.reply(|reply| match reply {
-            Reply::Start(accepted) => Some(accepted),
-            _ => None,
-        })?;
+        self.ask(&RtdeRequest::Start)?;
+        let started =
+            self.reply(|reply| if let RtdeReply::Start(started) = reply { Some(started) } else { None })?;
         if started { Ok(()) } else { Err(RtdeError::Refused("start")) }
-    }
-
-    /// Lets outputs pause.
-    ///
-    /// # Errors
-    ///
-    /// See [`RtdeError`].
-    pub fn pause(&mut self) -> Result<(), RtdeError> {
-        self.ask(&Request::Pause)?;
-        let paused = self.reply(|reply| match reply {
-            Reply::Pause(accepted) => Some(accepted),
-            _ => None,
-        })?;
-        if paused { Ok(()) } else { Err(RtdeError::Refused("pause")) }
     }
 
     /// The newest package that has come, waiting for one until `timeout` has gone by; `None` then.
@@ -206,13 +169,13 @@ impl Client {
     /// # Errors
     ///
     /// See [`RtdeError`].
-    pub fn receive(&mut self, timeout: Duration) -> Result<Option<Package>, RtdeError> {
+    pub fn receive(&mut self, timeout: Duration) -> Result<Option<OutputPackage>, RtdeError> {
         let end = Instant::now() + timeout;
-        let mut newest: Option<Package> = None;
+        let mut newest: Option<OutputPackage> = None;
         let mut full = false;
         loop {
             while let Some(reply) = self.next_reply()? {
-                let Reply::Data { recipe, fields } = reply else { continue };
+                let RtdeReply::Data { recipe, fields } = reply else { continue };
                 let Some(outputs) = &self.outputs else { continue };
                 // A package of the recipe before, still on its way.
                 if recipe.unwrap_or(0) != outputs.id {
@@ -220,7 +183,7 @@ impl Client {
                 }
                 let values = outputs.read(&fields)?;
                 let passed = newest.map_or(0, |older| older.passed.saturating_add(1));
-                newest = Some(Package { values, passed });
+                newest = Some(OutputPackage { values, passed });
             }
             let now = Instant::now();
             if now >= end || (newest.is_some() && !full) {
@@ -236,23 +199,18 @@ impl Client {
     /// # Errors
     ///
     /// [`RtdeError::Misfit`] where `values` are not those of the recipe, else [`RtdeError::Broken`].
-    pub fn send(&mut self, inputs: &InputRecipe, values: &[Value]) -> Result<(), RtdeError> {
+    pub fn send(&mut self, inputs: &InputRecipe, values: &[RtdeValue]) -> Result<(), RtdeError> {
         let fields = inputs.0.write(values)?;
-        self.ask(&Request::Data { recipe: inputs.0.id, fields })
+        self.ask(&RtdeRequest::Data { recipe: inputs.0.id, fields })
     }
 
-    /// The oldest message of the controller that was not taken yet.
-    pub fn message(&mut self) -> Option<Message> {
-        self.messages.pop_front()
-    }
-
-    fn ask(&mut self, request: &Request) -> Result<(), RtdeError> {
+    fn ask(&mut self, request: &RtdeRequest) -> Result<(), RtdeError> {
         let bytes = request.encode(self.version)?;
         self.stream.write_all(&bytes).map_err(RtdeError::Broken)
     }
 
     /// The next reply that `pick` takes; packages on their way are passed over.
-    fn reply<T>(&mut self, pick: impl Fn(Reply) -> Option<T>) -> Result<T, RtdeError> {
+    fn reply<T>(&mut self, pick: impl Fn(RtdeReply) -> Option<T>) -> Result<T, RtdeError> {
         let end = Instant::now() + self.patience;
         for _ in 0..MOST_PASSED {
             while let Some(reply) = self.next_reply()? {
@@ -269,17 +227,12 @@ impl Client {
         Err(RtdeError::Silent(self.patience))
     }
 
-    /// The next whole package but messages, which are kept.
-    fn next_reply(&mut self) -> Result<Option<Reply>, RtdeError> {
+    /// The next whole package; messages, which repeat what the primary interface tells, are passed over.
+    fn next_reply(&mut self) -> Result<Option<RtdeReply>, RtdeError> {
         while let Some((kind, payload)) = self.frames.next_package()? {
-            match Reply::decode(kind, payload, self.version)? {
-                Reply::Message(message) => {
-                    if self.messages.len() == MOST_MESSAGES {
-                        self.messages.pop_front();
-                    }
-                    self.messages.push_back(message);
-                }
-                reply => return Ok(Some(reply)),
+            let reply = RtdeReply::decode(kind, payload, self.version)?;
+            if !matches!(reply, RtdeReply::Message(_)) {
+                return Ok(Some(reply));
             }
         }
         Ok(None)
@@ -305,19 +258,19 @@ impl Client {
 }
 
 /// The recipe, if every field has a type. `id` is `None` where the protocol has none.
-fn agreed(names: &[&str], answers: &[Answer], id: Option<u8>) -> Result<Recipe, RtdeError> {
+fn agreed(names: &[&str], answers: &[FieldAnswer], id: Option<u8>) -> Result<RtdeRecipe, RtdeError> {
     let mut types = Vec::with_capacity(answers.len());
     for (name, answer) in names.iter().zip(answers) {
         match answer {
-            Answer::Type(kind) => types.push(*kind),
-            Answer::NotFound => return Err(RtdeError::NotFound((*name).to_owned())),
-            Answer::InUse => return Err(RtdeError::InUse((*name).to_owned())),
+            FieldAnswer::Type(kind) => types.push(*kind),
+            FieldAnswer::NotFound => return Err(RtdeError::NotFound((*name).to_owned())),
+            FieldAnswer::InUse => return Err(RtdeError::InUse((*name).to_owned())),
         }
     }
     if id == Some(0) || answers.len() != names.len() {
         return Err(RtdeError::Refused("a recipe"));
     }
-    Ok(Recipe { id: id.unwrap_or(0), types })
+    Ok(RtdeRecipe { id: id.unwrap_or(0), types })
 }
 
 #[cfg(test)]

@@ -4,6 +4,7 @@ use std::net::TcpListener;
 use std::thread::JoinHandle;
 
 use super::*;
+use crate::rtde::RtdeMessage;
 use crate::rtde::frames::LARGEST;
 use crate::rtde::value::FieldType;
 
@@ -29,39 +30,47 @@ fn peer(answers: Vec<Vec<u8>>) -> (SocketAddr, JoinHandle<Vec<Vec<u8>>>) {
     (address, thread)
 }
 
-fn reply(reply: &Reply) -> Vec<u8> {
+fn reply(reply: &RtdeReply) -> Vec<u8> {
     reply.encode(ProtocolVersion::V2).unwrap()
 }
 
 #[test]
 fn the_whole_conversation_and_the_newest_package_of_several() {
     let data = |value: f64| {
-        reply(&Reply::Data {
+        reply(&RtdeReply::Data {
             recipe: Some(1),
             fields: [value.to_be_bytes(), (-value).to_be_bytes()].concat(),
         })
     };
-    let warning = Message { level: 2, text: "slow".to_owned(), source: "test".to_owned() };
+    let warning = RtdeMessage { level: 2, text: "slow".to_owned(), source: "test".to_owned() };
     let version = ControllerVersion { major: 3, minor: 15, bugfix: 8, build: 1 };
     let (address, thread) = peer(vec![
-        reply(&Reply::Protocol(true)),
-        [reply(&Reply::Message(warning.clone())), reply(&Reply::ControllerVersion(version))].concat(),
-        reply(&Reply::Outputs { recipe: Some(1), answers: vec![Answer::Type(FieldType::Double); 2] }),
-        reply(&Reply::Inputs { recipe: 1, answers: vec![Answer::Type(FieldType::Int32)] }),
-        [reply(&Reply::Start(true)), data(1.0), data(2.0), data(3.0)].concat(),
+        reply(&RtdeReply::Protocol(true)),
+        [reply(&RtdeReply::Message(warning)), reply(&RtdeReply::ControllerVersion(version))].concat(),
+        reply(&RtdeReply::Outputs {
+            recipe: Some(1),
+            answers: vec![FieldAnswer::Type(FieldType::Double); 2],
+        }),
+        reply(&RtdeReply::Inputs { recipe: 1, answers: vec![FieldAnswer::Type(FieldType::Int32)] }),
+        [reply(&RtdeReply::Start(true)), data(1.0), data(2.0), data(3.0)].concat(),
         Vec::new(),
     ]);
-    let mut client = Client::connect(address, PATIENCE).unwrap();
+    let mut client = RtdeClient::connect(address, PATIENCE).unwrap();
     assert_eq!(client.protocol(), ProtocolVersion::V2);
     assert_eq!(client.controller_version().unwrap(), version);
-    assert_eq!((client.message(), client.message()), (Some(warning), None));
     client.set_up_outputs(&["timestamp", "speed_scaling"], 125.0).unwrap();
     let inputs = client.set_up_inputs(&["input_int_register_24"]).unwrap();
     client.start().unwrap();
     let package = client.receive(PATIENCE).unwrap().unwrap();
-    assert_eq!(package, Package { values: vec![Value::Double(3.0), Value::Double(-3.0)], passed: 2 });
-    client.send(&inputs, &[Value::Int32(5)]).unwrap();
-    assert!(matches!(client.send(&inputs, &[Value::Uint32(5)]), Err(RtdeError::Misfit(Misfit::Type { .. }))));
+    assert_eq!(
+        package,
+        OutputPackage { values: vec![RtdeValue::Double(3.0), RtdeValue::Double(-3.0)], passed: 2 }
+    );
+    client.send(&inputs, &[RtdeValue::Int32(5)]).unwrap();
+    assert!(matches!(
+        client.send(&inputs, &[RtdeValue::Uint32(5)]),
+        Err(RtdeError::Misfit(Misfit::Type { .. }))
+    ));
     assert!(matches!(client.receive(PATIENCE), Err(RtdeError::Closed | RtdeError::Broken(_))));
     let requests = thread.join().unwrap();
     assert_eq!(requests[5], [0, 8, b'U', 1, 0, 0, 0, 5]);
@@ -69,15 +78,15 @@ fn the_whole_conversation_and_the_newest_package_of_several() {
 
 #[test]
 fn fields_that_cannot_be_had_are_named() {
-    let types = |answers| reply(&Reply::Inputs { recipe: 0, answers });
-    let double = Answer::Type(FieldType::Double);
+    let types = |answers| reply(&RtdeReply::Inputs { recipe: 0, answers });
+    let double = FieldAnswer::Type(FieldType::Double);
     let (address, thread) = peer(vec![
-        reply(&Reply::Protocol(true)),
-        types(vec![double, Answer::InUse]),
-        types(vec![Answer::NotFound, double]),
+        reply(&RtdeReply::Protocol(true)),
+        types(vec![double, FieldAnswer::InUse]),
+        types(vec![FieldAnswer::NotFound, double]),
         types(vec![double]),
     ]);
-    let mut client = Client::connect(address, PATIENCE).unwrap();
+    let mut client = RtdeClient::connect(address, PATIENCE).unwrap();
     let mut ask = || client.set_up_inputs(&["one", "two"]).unwrap_err().to_string();
     assert!(ask().contains("\"two\" is in use"));
     assert!(ask().contains("no field \"one\""));
@@ -87,22 +96,22 @@ fn fields_that_cannot_be_had_are_named() {
 
 #[test]
 fn version_1_is_taken_where_2_is_refused() {
-    let first = |reply: &Reply| reply.encode(ProtocolVersion::V1).unwrap();
+    let first = |reply: &RtdeReply| reply.encode(ProtocolVersion::V1).unwrap();
     let (address, thread) = peer(vec![
-        first(&Reply::Protocol(false)),
-        first(&Reply::Protocol(true)),
-        first(&Reply::Outputs { recipe: None, answers: vec![Answer::Type(FieldType::Double)] }),
+        first(&RtdeReply::Protocol(false)),
+        first(&RtdeReply::Protocol(true)),
+        first(&RtdeReply::Outputs { recipe: None, answers: vec![FieldAnswer::Type(FieldType::Double)] }),
         [
-            first(&Reply::Start(true)),
-            first(&Reply::Data { recipe: None, fields: 0.5f64.to_be_bytes().to_vec() }),
+            first(&RtdeReply::Start(true)),
+            first(&RtdeReply::Data { recipe: None, fields: 0.5f64.to_be_bytes().to_vec() }),
         ]
         .concat(),
     ]);
-    let mut client = Client::connect(address, PATIENCE).unwrap();
+    let mut client = RtdeClient::connect(address, PATIENCE).unwrap();
     assert_eq!(client.protocol(), ProtocolVersion::V1);
     client.set_up_outputs(&["timestamp"], 125.0).unwrap();
     client.start().unwrap();
-    assert_eq!(client.receive(PATIENCE).unwrap().unwrap().values, [Value::Double(0.5)]);
+    assert_eq!(client.receive(PATIENCE).unwrap().unwrap().values, [RtdeValue::Double(0.5)]);
     // Without a frequency: version 1 has none.
     assert_eq!(thread.join().unwrap()[2], [&[0, 12, b'O'], &b"timestamp"[..]].concat());
 }
@@ -110,16 +119,16 @@ fn version_1_is_taken_where_2_is_refused() {
 #[test]
 fn strangers_and_silence_are_told_apart() {
     let (address, thread) = peer(vec![b"HTTP/1.1 400 Bad Request\r\n\r\n".to_vec()]);
-    let error = Client::connect(address, Duration::from_millis(300)).unwrap_err();
+    let error = RtdeClient::connect(address, Duration::from_millis(300)).unwrap_err();
     assert!(matches!(error, RtdeError::Silent(_) | RtdeError::Closed | RtdeError::Wire(_)), "{error}");
     thread.join().unwrap();
 
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
-    let silent = Client::connect(listener.local_addr().unwrap(), Duration::from_millis(50)).unwrap_err();
+    let silent = RtdeClient::connect(listener.local_addr().unwrap(), Duration::from_millis(50)).unwrap_err();
     assert!(matches!(silent, RtdeError::Silent(_)), "{silent}");
     let closed = listener.local_addr().unwrap();
     drop(listener);
-    assert!(matches!(Client::connect(closed, PATIENCE).unwrap_err(), RtdeError::Connect(_)));
+    assert!(matches!(RtdeClient::connect(closed, PATIENCE).unwrap_err(), RtdeError::Connect(_)));
 }
 
 /// A server that sends `begin`, then `again` every few milliseconds for as long as somebody listens.
@@ -140,8 +149,8 @@ fn trickling(begin: Vec<u8>, again: Vec<u8>) -> (SocketAddr, JoinHandle<()>) {
 #[test]
 fn lying_lengths_trickles_and_floods_end_in_time_and_within_one_package() {
     let patience = Duration::from_millis(300);
-    let told = Message { level: 3, text: "x".repeat(255), source: "y".repeat(255) };
-    let message = Reply::Message(told).encode(ProtocolVersion::V1).unwrap();
+    let reported = RtdeMessage { level: 3, text: "x".repeat(255), source: "y".repeat(255) };
+    let message = RtdeReply::Message(reported).encode(ProtocolVersion::V1).unwrap();
     for (begin, again) in [
         // The longest package there is, of which a byte comes now and then.
         (vec![0xff, 0xff, b'V'], vec![0]),
@@ -156,16 +165,16 @@ fn lying_lengths_trickles_and_floods_end_in_time_and_within_one_package() {
     ] {
         let (address, thread) = trickling(begin.clone(), again);
         let asked = Instant::now();
-        let error = Client::connect(address, patience).unwrap_err();
+        let error = RtdeClient::connect(address, patience).unwrap_err();
         assert!(matches!(error, RtdeError::Silent(_) | RtdeError::Wire(_)), "{begin:?}: {error}");
         // Each of the two versions is waited for.
         assert!(asked.elapsed() < 2 * patience + Duration::from_secs(10), "{begin:?}");
         thread.join().unwrap();
     }
     // The same where a whole conversation came before: what is kept never exceeds a package.
-    let hello = reply(&Reply::Protocol(true));
+    let hello = reply(&RtdeReply::Protocol(true));
     let (address, thread) = trickling([&hello[..], &[0xff, 0xff, b'U']].concat(), vec![0; 1000]);
-    let mut client = Client::connect(address, Duration::from_secs(5)).unwrap();
+    let mut client = RtdeClient::connect(address, Duration::from_secs(5)).unwrap();
     for _ in 0..100 {
         match client.receive(Duration::from_millis(5)) {
             Ok(None) => assert!(client.frames.waiting() < LARGEST, "{}", client.frames.waiting()),

@@ -9,14 +9,12 @@ pub type MajorMinor = (u32, u32);
 
 /// Since the first version with RTDE.
 const ALWAYS: [u32; 2] = [0, 0];
-/// On e-Series only.
 const NEVER: u32 = u32::MAX;
 
 /// Name, type, least minor version of 3.x and of 5.x.
-type Row = (&'static str, FieldType, [u32; 2]);
+type FieldRow = (&'static str, FieldType, [u32; 2]);
 
-/// Outputs except registers.
-pub const OUTPUTS: &[Row] = &[
+pub const OUTPUTS: &[FieldRow] = &[
     ("timestamp", Double, ALWAYS),
     ("target_q", Vector6d, ALWAYS),
     ("target_qd", Vector6d, ALWAYS),
@@ -89,8 +87,7 @@ pub const OUTPUTS: &[Row] = &[
     ("input_bit_registers32_to_63", Uint32, [4, 0]),
 ];
 
-/// Inputs except registers.
-pub const INPUTS: &[Row] = &[
+pub const INPUTS: &[FieldRow] = &[
     ("speed_slider_mask", Uint32, ALWAYS),
     ("speed_slider_fraction", Double, ALWAYS),
     ("standard_digital_output_mask", Uint8, ALWAYS),
@@ -115,7 +112,6 @@ pub struct Register {
     pub input: bool,
     /// `Bool` (64 to 127), `Int32` or `Double` (0 to 47).
     pub kind: FieldType,
-    /// Its number.
     pub number: usize,
 }
 
@@ -154,7 +150,7 @@ fn exists(least: [u32; 2], (major, minor): MajorMinor) -> bool {
     }
 }
 
-fn look_up(table: &[Row], name: &str, version: MajorMinor) -> Option<FieldType> {
+fn look_up(table: &[FieldRow], name: &str, version: MajorMinor) -> Option<FieldType> {
     table.iter().find(|(known, _, least)| *known == name && exists(*least, version)).map(|(_, kind, _)| *kind)
 }
 

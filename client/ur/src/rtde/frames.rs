@@ -8,9 +8,9 @@ pub const HEADER: usize = 3;
 /// Longest package: what the size field can say.
 pub const LARGEST: usize = u16::MAX as usize;
 
-/// Bytes that are no package, or a package that does not fit into bytes.
+/// Bytes that are not a package, or a package that does not fit into bytes.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-pub enum WireError {
+pub enum RtdeWireError {
     /// A size that cannot be.
     #[error("a package of {0} bytes, which is less than its header")]
     Size(usize),
@@ -45,13 +45,13 @@ impl Frames {
     ///
     /// # Errors
     ///
-    /// [`WireError::Size`]: the stream cannot be read any further.
-    pub fn next_package(&mut self) -> Result<Option<(u8, &[u8])>, WireError> {
+    /// [`RtdeWireError::Size`]: the stream cannot be read any further.
+    pub fn next_package(&mut self) -> Result<Option<(u8, &[u8])>, RtdeWireError> {
         let Some(rest) = self.bytes.get(self.read..) else { return Ok(None) };
         let Some((&[high, low, kind], _)) = rest.split_first_chunk::<HEADER>() else { return Ok(None) };
         let size = usize::from(u16::from_be_bytes([high, low]));
         if size < HEADER {
-            return Err(WireError::Size(size));
+            return Err(RtdeWireError::Size(size));
         }
         let Some(payload) = rest.get(HEADER..size) else { return Ok(None) };
         self.read += size;
@@ -59,8 +59,8 @@ impl Frames {
     }
 
     /// Bytes that wait for the rest of their package.
-    #[must_use]
-    pub fn waiting(&self) -> usize {
+    #[cfg(test)]
+    pub(super) fn waiting(&self) -> usize {
         self.bytes.len().saturating_sub(self.read)
     }
 }
@@ -69,10 +69,10 @@ impl Frames {
 ///
 /// # Errors
 ///
-/// [`WireError::TooLong`].
-pub(super) fn package(kind: u8, payload: &[u8]) -> Result<Vec<u8>, WireError> {
+/// [`RtdeWireError::TooLong`].
+pub(super) fn package(kind: u8, payload: &[u8]) -> Result<Vec<u8>, RtdeWireError> {
     let size = payload.len().saturating_add(HEADER);
-    let Ok(size_field) = u16::try_from(size) else { return Err(WireError::TooLong(size)) };
+    let Ok(size_field) = u16::try_from(size) else { return Err(RtdeWireError::TooLong(size)) };
     let mut bytes = Vec::with_capacity(size);
     bytes.extend_from_slice(&size_field.to_be_bytes());
     bytes.push(kind);

@@ -13,9 +13,8 @@ pub mod wire;
 pub mod recipe;
 pub mod client;
 
-pub use client::{Client, InputRecipe, Package, RtdeError};
-pub use value::{FieldType, Value};
-pub use wire::{ControllerVersion, Message, ProtocolVersion};
+pub use client::{InputRecipe, OutputPackage, RtdeClient, RtdeError};
+pub use value::{FieldType, RtdeValue};
+pub use wire::{ControllerVersion, ProtocolVersion, RtdeMessage};
 
-/// RTDE's port.
 pub const PORT: u16 = 30004;

@@ -1,10 +1,10 @@
 //! A recipe: fields in an agreed order, and packages of them.
 
-use super::value::{FieldType, Value};
+use super::value::{FieldType, RtdeValue};
 
 /// Types of the fields of a package, in order.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Recipe {
+pub struct RtdeRecipe {
     /// Number of the recipe, from 1; 0 in version 1 of the protocol, which does not count outputs.
     pub id: u8,
     /// In the order of the package.
@@ -17,7 +17,6 @@ pub enum Misfit {
     /// Another number of values.
     #[error("{given} values for a recipe of {wanted}")]
     Count {
-        /// Values given.
         given: usize,
         /// Fields of the recipe.
         wanted: usize,
@@ -35,14 +34,13 @@ pub enum Misfit {
     /// A package of another length.
     #[error("a package of {given} bytes for a recipe of {wanted}")]
     Size {
-        /// Bytes that came.
         given: usize,
         /// Bytes of the recipe.
         wanted: usize,
     },
 }
 
-impl Recipe {
+impl RtdeRecipe {
     /// Bytes of the fields.
     #[must_use]
     pub fn size(&self) -> usize {
@@ -54,7 +52,7 @@ impl Recipe {
     /// # Errors
     ///
     /// [`Misfit::Size`].
-    pub fn read(&self, mut fields: &[u8]) -> Result<Vec<Value>, Misfit> {
+    pub fn read(&self, mut fields: &[u8]) -> Result<Vec<RtdeValue>, Misfit> {
         let misfit = Misfit::Size { given: fields.len(), wanted: self.size() };
         let mut values = Vec::with_capacity(self.types.len());
         for kind in &self.types {
@@ -68,7 +66,7 @@ impl Recipe {
     /// # Errors
     ///
     /// [`Misfit::Count`], [`Misfit::Type`].
-    pub fn write(&self, values: &[Value]) -> Result<Vec<u8>, Misfit> {
+    pub fn write(&self, values: &[RtdeValue]) -> Result<Vec<u8>, Misfit> {
         if values.len() != self.types.len() {
             return Err(Misfit::Count { given: values.len(), wanted: self.types.len() });
         }
@@ -90,8 +88,8 @@ mod tests {
 
     #[test]
     fn packages_of_a_recipe_come_back_and_others_are_refused() {
-        let recipe = Recipe { id: 1, types: vec![FieldType::Double, FieldType::Int32, FieldType::Bool] };
-        let values = [Value::Double(0.5), Value::Int32(-7), Value::Bool(true)];
+        let recipe = RtdeRecipe { id: 1, types: vec![FieldType::Double, FieldType::Int32, FieldType::Bool] };
+        let values = [RtdeValue::Double(0.5), RtdeValue::Int32(-7), RtdeValue::Bool(true)];
         let bytes = recipe.write(&values).unwrap();
         assert_eq!(bytes.len(), recipe.size());
         assert_eq!(recipe.read(&bytes).unwrap(), values);

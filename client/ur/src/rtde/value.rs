@@ -26,7 +26,6 @@ pub enum FieldType {
 }
 
 impl FieldType {
-    /// All of them.
     pub const ALL: [Self; 10] = [
         Self::Bool,
         Self::Uint8,
@@ -40,7 +39,6 @@ impl FieldType {
         Self::Vector6Uint32,
     ];
 
-    /// The protocol's word.
     #[must_use]
     pub const fn word(self) -> &'static str {
         match self {
@@ -75,36 +73,19 @@ impl FieldType {
         }
     }
 
-    /// The value of this type that is 0 or false everywhere.
-    #[must_use]
-    pub const fn zero(self) -> Value {
-        match self {
-            Self::Bool => Value::Bool(false),
-            Self::Uint8 => Value::Uint8(0),
-            Self::Uint32 => Value::Uint32(0),
-            Self::Uint64 => Value::Uint64(0),
-            Self::Int32 => Value::Int32(0),
-            Self::Double => Value::Double(0.0),
-            Self::Vector3d => Value::Vector3d([0.0; 3]),
-            Self::Vector6d => Value::Vector6d([0.0; 6]),
-            Self::Vector6Int32 => Value::Vector6Int32([0; 6]),
-            Self::Vector6Uint32 => Value::Vector6Uint32([0; 6]),
-        }
-    }
-
     /// Takes one value of this type from the front of `bytes`; `None` where they are too few.
-    pub fn take(self, bytes: &mut &[u8]) -> Option<Value> {
+    pub fn take(self, bytes: &mut &[u8]) -> Option<RtdeValue> {
         Some(match self {
-            Self::Bool => Value::Bool(take::<1>(bytes)? != [0]),
-            Self::Uint8 => Value::Uint8(u8::from_be_bytes(take(bytes)?)),
-            Self::Uint32 => Value::Uint32(u32::from_be_bytes(take(bytes)?)),
-            Self::Uint64 => Value::Uint64(u64::from_be_bytes(take(bytes)?)),
-            Self::Int32 => Value::Int32(i32::from_be_bytes(take(bytes)?)),
-            Self::Double => Value::Double(f64::from_be_bytes(take(bytes)?)),
-            Self::Vector3d => Value::Vector3d(several(bytes, f64::from_be_bytes)?),
-            Self::Vector6d => Value::Vector6d(several(bytes, f64::from_be_bytes)?),
-            Self::Vector6Int32 => Value::Vector6Int32(several(bytes, i32::from_be_bytes)?),
-            Self::Vector6Uint32 => Value::Vector6Uint32(several(bytes, u32::from_be_bytes)?),
+            Self::Bool => RtdeValue::Bool(take::<1>(bytes)? != [0]),
+            Self::Uint8 => RtdeValue::Uint8(u8::from_be_bytes(take(bytes)?)),
+            Self::Uint32 => RtdeValue::Uint32(u32::from_be_bytes(take(bytes)?)),
+            Self::Uint64 => RtdeValue::Uint64(u64::from_be_bytes(take(bytes)?)),
+            Self::Int32 => RtdeValue::Int32(i32::from_be_bytes(take(bytes)?)),
+            Self::Double => RtdeValue::Double(f64::from_be_bytes(take(bytes)?)),
+            Self::Vector3d => RtdeValue::Vector3d(several(bytes, f64::from_be_bytes)?),
+            Self::Vector6d => RtdeValue::Vector6d(several(bytes, f64::from_be_bytes)?),
+            Self::Vector6Int32 => RtdeValue::Vector6Int32(several(bytes, i32::from_be_bytes)?),
+            Self::Vector6Uint32 => RtdeValue::Vector6Uint32(several(bytes, u32::from_be_bytes)?),
         })
     }
 }
@@ -127,9 +108,8 @@ fn several<T: Copy + Default, const N: usize, const M: usize>(
     Some(values)
 }
 
-/// A field's value.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Value {
+pub enum RtdeValue {
     /// `BOOL`
     Bool(bool),
     /// `UINT8`
@@ -152,8 +132,7 @@ pub enum Value {
     Vector6Uint32([u32; 6]),
 }
 
-impl Value {
-    /// Its type.
+impl RtdeValue {
     #[must_use]
     pub const fn field_type(self) -> FieldType {
         match self {
@@ -170,7 +149,6 @@ impl Value {
         }
     }
 
-    /// Appends its bytes.
     pub fn put(self, bytes: &mut Vec<u8>) {
         match self {
             Self::Bool(value) => bytes.push(u8::from(value)),
@@ -179,14 +157,10 @@ impl Value {
             Self::Uint64(value) => bytes.extend_from_slice(&value.to_be_bytes()),
             Self::Int32(value) => bytes.extend_from_slice(&value.to_be_bytes()),
             Self::Double(value) => bytes.extend_from_slice(&value.to_be_bytes()),
-            Self::Vector3d(values) => values.iter().for_each(|v| bytes.extend_from_slice(&v.to_be_bytes())),
-            Self::Vector6d(values) => values.iter().for_each(|v| bytes.extend_from_slice(&v.to_be_bytes())),
-            Self::Vector6Int32(values) => {
-                values.iter().for_each(|v| bytes.extend_from_slice(&v.to_be_bytes()));
-            }
-            Self::Vector6Uint32(values) => {
-                values.iter().for_each(|v| bytes.extend_from_slice(&v.to_be_bytes()));
-            }
+            Self::Vector3d(values) => bytes.extend(values.iter().flat_map(|value| value.to_be_bytes())),
+            Self::Vector6d(values) => bytes.extend(values.iter().flat_map(|value| value.to_be_bytes())),
+            Self::Vector6Int32(values) => bytes.extend(values.iter().flat_map(|value| value.to_be_bytes())),
+            Self::Vector6Uint32(values) => bytes.extend(values.iter().flat_map(|value| value.to_be_bytes())),
         }
     }
 
@@ -234,18 +208,18 @@ mod tests {
     #[test]
     fn values_have_the_size_of_their_type_and_come_back() {
         let values = [
-            Value::Bool(true),
-            Value::Uint8(0xa5),
-            Value::Uint32(0x0102_0304),
-            Value::Uint64(0x0102_0304_0506_0708),
-            Value::Int32(-2),
-            Value::Double(-0.1),
-            Value::Vector3d([1.0, -2.0, 3.5]),
-            Value::Vector6d([1.0, 2.0, 3.0, 4.0, 5.0, 6.0]),
-            Value::Vector6Int32([-1, 2, -3, 4, -5, 6]),
-            Value::Vector6Uint32([1, 2, 3, 4, 5, u32::MAX]),
+            RtdeValue::Bool(true),
+            RtdeValue::Uint8(0xa5),
+            RtdeValue::Uint32(0x0102_0304),
+            RtdeValue::Uint64(0x0102_0304_0506_0708),
+            RtdeValue::Int32(-2),
+            RtdeValue::Double(-0.1),
+            RtdeValue::Vector3d([1.0, -2.0, 3.5]),
+            RtdeValue::Vector6d([1.0, 2.0, 3.0, 4.0, 5.0, 6.0]),
+            RtdeValue::Vector6Int32([-1, 2, -3, 4, -5, 6]),
+            RtdeValue::Vector6Uint32([1, 2, 3, 4, 5, u32::MAX]),
         ];
-        assert_eq!(values.map(Value::field_type), FieldType::ALL);
+        assert_eq!(values.map(RtdeValue::field_type), FieldType::ALL);
         for value in values {
             let kind = value.field_type();
             let mut bytes = Vec::new();
@@ -263,8 +237,8 @@ mod tests {
     #[test]
     fn numbers_are_big_endian() {
         let mut bytes = Vec::new();
-        Value::Int32(-2).put(&mut bytes);
-        Value::Double(1.0).put(&mut bytes);
+        RtdeValue::Int32(-2).put(&mut bytes);
+        RtdeValue::Double(1.0).put(&mut bytes);
         assert_eq!(bytes, [0xff, 0xff, 0xff, 0xfe, 0x3f, 0xf0, 0, 0, 0, 0, 0, 0]);
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! Contract: total, whatever the bytes are. Numbers are big-endian, strings not terminated.
 
-use super::frames::{WireError, package};
+use super::frames::{RtdeWireError, package};
 use super::value::{FieldType, take};
 
 const PROTOCOL: u8 = b'V';
@@ -49,11 +49,8 @@ impl ProtocolVersion {
 pub struct ControllerVersion {
     /// 3 is CB3, 5 e-Series, 10 PolyScope X.
     pub major: u32,
-    /// Minor version.
     pub minor: u32,
-    /// Bug-fix version.
     pub bugfix: u32,
-    /// Build.
     pub build: u32,
 }
 
@@ -65,7 +62,7 @@ impl std::fmt::Display for ControllerVersion {
 
 /// A text message, from either side.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Message {
+pub struct RtdeMessage {
     /// 0 exception, 1 error, 2 warning, 3 information.
     pub level: u8,
     /// What is said; at most 255 bytes in version 2.
@@ -76,7 +73,7 @@ pub struct Message {
 
 /// What the controller made of a name in a recipe.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Answer {
+pub enum FieldAnswer {
     /// The field exists, with this type.
     Type(FieldType),
     /// No such field in this version.
@@ -85,7 +82,7 @@ pub enum Answer {
     InUse,
 }
 
-impl Answer {
+impl FieldAnswer {
     const fn word(self) -> &'static str {
         match self {
             Self::Type(kind) => kind.word(),
@@ -105,13 +102,13 @@ impl Answer {
 
 /// From a client to the controller.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Request {
+pub enum RtdeRequest {
     /// Asks for a version of the protocol, by number.
     Protocol(u16),
     /// Asks for the controller's version.
     ControllerVersion,
     /// A message for the controller's log.
-    Message(Message),
+    Message(RtdeMessage),
     /// Sets up the outputs; the frequency \[Hz\] is `None` in version 1.
     Outputs {
         /// \[Hz\]
@@ -119,67 +116,55 @@ pub enum Request {
         /// Names as they came, an empty last one left out.
         names: Vec<String>,
     },
-    /// Sets up inputs.
     Inputs {
         /// Names as they came, an empty last one left out.
         names: Vec<String>,
     },
-    /// Outputs begin.
     Start,
-    /// Outputs pause.
     Pause,
-    /// An input package.
     Data {
-        /// Of which recipe.
         recipe: u8,
-        /// Its fields.
         fields: Vec<u8>,
     },
 }
 
 /// From the controller to a client.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Reply {
+pub enum RtdeReply {
     /// Whether the version of the protocol is taken.
     Protocol(bool),
-    /// The controller's version.
     ControllerVersion(ControllerVersion),
-    /// A message.
-    Message(Message),
-    /// Types of the outputs; the recipe is 0 where one cannot be had, and `None` in version 1.
+    Message(RtdeMessage),
+    /// Types of the outputs; the recipe is 0 where one is not possible, and `None` in version 1.
     Outputs {
         /// Number of the recipe.
         recipe: Option<u8>,
         /// In the order of the names.
-        answers: Vec<Answer>,
+        answers: Vec<FieldAnswer>,
     },
-    /// Types of the inputs; the recipe is 0 where one cannot be had.
+    /// Types of the inputs; the recipe is 0 where one is not possible.
     Inputs {
         /// Number of the recipe.
         recipe: u8,
         /// In the order of the names.
-        answers: Vec<Answer>,
+        answers: Vec<FieldAnswer>,
     },
-    /// Whether outputs begin.
     Start(bool),
-    /// Whether outputs pause.
     Pause(bool),
     /// An output package; the recipe is `None` in version 1.
     Data {
-        /// Of which recipe.
         recipe: Option<u8>,
-        /// Its fields.
         fields: Vec<u8>,
     },
 }
 
-impl Request {
+impl RtdeRequest {
     /// As bytes.
     ///
     /// # Errors
     ///
-    /// [`WireError::TooLong`].
-    pub fn encode(&self, version: ProtocolVersion) -> Result<Vec<u8>, WireError> {
+    /// [`RtdeWireError::TooLong`].
+    pub fn encode(&self, version: ProtocolVersion) -> Result<Vec<u8>, RtdeWireError> {
         match self {
             Self::Protocol(number) => package(PROTOCOL, &number.to_be_bytes()),
             Self::ControllerVersion => package(CONTROLLER_VERSION, &[]),
@@ -207,15 +192,15 @@ impl Request {
     ///
     /// # Errors
     ///
-    /// [`WireError::Type`], [`WireError::Payload`].
-    pub fn decode(kind: u8, payload: &[u8], version: ProtocolVersion) -> Result<Self, WireError> {
-        let wrong = WireError::Payload(char::from(kind));
+    /// [`RtdeWireError::Type`], [`RtdeWireError::Payload`].
+    pub fn decode(kind: u8, payload: &[u8], version: ProtocolVersion) -> Result<Self, RtdeWireError> {
+        let wrong = RtdeWireError::Payload(char::from(kind));
         let mut rest = payload;
         let request = match kind {
             PROTOCOL => Self::Protocol(u16::from_be_bytes(take(&mut rest).ok_or(wrong.clone())?)),
             CONTROLLER_VERSION => Self::ControllerVersion,
             MESSAGE => {
-                return Message::decode(payload, ProtocolVersion::V2).map(Self::Message).ok_or(wrong);
+                return RtdeMessage::decode(payload, ProtocolVersion::V2).map(Self::Message).ok_or(wrong);
             }
             OUTPUTS => {
                 let frequency = match version {
@@ -231,7 +216,7 @@ impl Request {
                 let [recipe] = take(&mut rest).ok_or(wrong)?;
                 return Ok(Self::Data { recipe, fields: rest.to_vec() });
             }
-            other => return Err(WireError::Type(other)),
+            other => return Err(RtdeWireError::Type(other)),
         };
         if rest.is_empty() { Ok(request) } else { Err(wrong) }
     }
@@ -244,14 +229,14 @@ fn names(text: &[u8]) -> Vec<String> {
     if text.is_empty() { Vec::new() } else { text.split(',').map(str::to_owned).collect() }
 }
 
-impl Reply {
+impl RtdeReply {
     /// As bytes.
     ///
     /// # Errors
     ///
-    /// [`WireError::TooLong`].
-    pub fn encode(&self, version: ProtocolVersion) -> Result<Vec<u8>, WireError> {
-        let setup = |kind, recipe: Option<u8>, answers: &[Answer]| {
+    /// [`RtdeWireError::TooLong`].
+    pub fn encode(&self, version: ProtocolVersion) -> Result<Vec<u8>, RtdeWireError> {
+        let setup = |kind, recipe: Option<u8>, answers: &[FieldAnswer]| {
             let mut payload: Vec<u8> = recipe.into_iter().collect();
             let words: Vec<&str> = answers.iter().map(|answer| answer.word()).collect();
             payload.extend_from_slice(words.join(",").as_bytes());
@@ -280,16 +265,16 @@ impl Reply {
     ///
     /// # Errors
     ///
-    /// [`WireError::Type`], [`WireError::Payload`].
-    pub fn decode(kind: u8, payload: &[u8], version: ProtocolVersion) -> Result<Self, WireError> {
-        let wrong = WireError::Payload(char::from(kind));
+    /// [`RtdeWireError::Type`], [`RtdeWireError::Payload`].
+    pub fn decode(kind: u8, payload: &[u8], version: ProtocolVersion) -> Result<Self, RtdeWireError> {
+        let wrong = RtdeWireError::Payload(char::from(kind));
         let second = version == ProtocolVersion::V2;
         let mut rest = payload;
-        let mut byte = |wanted: bool| -> Result<Option<u8>, WireError> {
+        let mut byte = |wanted: bool| -> Result<Option<u8>, RtdeWireError> {
             if !wanted {
                 return Ok(None);
             }
-            let [byte] = take(&mut rest).ok_or(WireError::Payload(char::from(kind)))?;
+            let [byte] = take(&mut rest).ok_or(RtdeWireError::Payload(char::from(kind)))?;
             Ok(Some(byte))
         };
         match kind {
@@ -310,7 +295,7 @@ impl Reply {
                     build: number()?,
                 }))
             }
-            MESSAGE => Message::decode(payload, version).map(Self::Message).ok_or(wrong),
+            MESSAGE => RtdeMessage::decode(payload, version).map(Self::Message).ok_or(wrong),
             OUTPUTS => {
                 let recipe = byte(second)?;
                 Ok(Self::Outputs { recipe, answers: answers(rest).ok_or(wrong)? })
@@ -323,16 +308,16 @@ impl Reply {
                 let recipe = byte(second)?;
                 Ok(Self::Data { recipe, fields: rest.to_vec() })
             }
-            other => Err(WireError::Type(other)),
+            other => Err(RtdeWireError::Type(other)),
         }
     }
 }
 
-fn answers(text: &[u8]) -> Option<Vec<Answer>> {
-    names(text).iter().map(|word| Answer::from_word(word)).collect()
+fn answers(text: &[u8]) -> Option<Vec<FieldAnswer>> {
+    names(text).iter().map(|word| FieldAnswer::from_word(word)).collect()
 }
 
-impl Message {
+impl RtdeMessage {
     fn payload(&self, version: ProtocolVersion) -> Vec<u8> {
         match version {
             ProtocolVersion::V1 => {

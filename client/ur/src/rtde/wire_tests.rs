@@ -1,7 +1,7 @@
 //! Claims about RTDE packages: bytes as the guide and clients write them, and bytes of nobody.
 
 use super::*;
-use crate::rtde::frames::{Frames, HEADER, LARGEST, WireError};
+use crate::rtde::frames::{Frames, HEADER, LARGEST, RtdeWireError};
 use proptest::prelude::*;
 
 const V2: ProtocolVersion = ProtocolVersion::V2;
@@ -15,36 +15,36 @@ fn only(bytes: &[u8]) -> (u8, Vec<u8>) {
 
 #[test]
 fn protocol_request_has_the_bytes_of_the_guide() {
-    assert_eq!(Request::Protocol(2).encode(ProtocolVersion::V1).unwrap(), [0, 5, 86, 0, 2]);
-    assert_eq!(Reply::Protocol(true).encode(ProtocolVersion::V1).unwrap(), [0, 4, 86, 1]);
+    assert_eq!(RtdeRequest::Protocol(2).encode(ProtocolVersion::V1).unwrap(), [0, 5, 86, 0, 2]);
+    assert_eq!(RtdeReply::Protocol(true).encode(ProtocolVersion::V1).unwrap(), [0, 4, 86, 1]);
     let (kind, payload) = only(&[0, 5, 86, 0, 2]);
-    assert_eq!(Request::decode(kind, &payload, ProtocolVersion::V1), Ok(Request::Protocol(2)));
+    assert_eq!(RtdeRequest::decode(kind, &payload, ProtocolVersion::V1), Ok(RtdeRequest::Protocol(2)));
 }
 
 #[test]
 fn outputs_are_asked_for_with_a_frequency_from_version_2_on() {
     let names = vec!["timestamp".to_owned(), "actual_q".to_owned()];
-    let bytes = Request::Outputs { frequency: Some(125.0), names: names.clone() }.encode(V2).unwrap();
+    let bytes = RtdeRequest::Outputs { frequency: Some(125.0), names: names.clone() }.encode(V2).unwrap();
     let mut expected = vec![0, 29, b'O'];
     expected.extend_from_slice(&125f64.to_be_bytes());
     expected.extend_from_slice(b"timestamp,actual_q");
     assert_eq!(bytes, expected);
     let (kind, payload) = only(&bytes);
     assert_eq!(
-        Request::decode(kind, &payload, V2),
-        Ok(Request::Outputs { frequency: Some(125.0), names: names.clone() })
+        RtdeRequest::decode(kind, &payload, V2),
+        Ok(RtdeRequest::Outputs { frequency: Some(125.0), names: names.clone() })
     );
     let (kind, payload) = only(&[&[0, 21, b'O'], &b"timestamp,actual_q"[..]].concat());
     assert_eq!(
-        Request::decode(kind, &payload, ProtocolVersion::V1),
-        Ok(Request::Outputs { frequency: None, names })
+        RtdeRequest::decode(kind, &payload, ProtocolVersion::V1),
+        Ok(RtdeRequest::Outputs { frequency: None, names })
     );
 }
 
 #[test]
 fn a_trailing_comma_names_nothing() {
-    let names = |text: &[u8]| match Request::decode(b'I', text, V2) {
-        Ok(Request::Inputs { names }) => names.len(),
+    let names = |text: &[u8]| match RtdeRequest::decode(b'I', text, V2) {
+        Ok(RtdeRequest::Inputs { names }) => names.len(),
         other => panic!("{other:?}"),
     };
     assert_eq!([names(b"a,b,c,"), names(b"a,b,c"), names(b"a"), names(b",")], [3, 3, 1, 0]);
@@ -55,42 +55,44 @@ fn a_trailing_comma_names_nothing() {
 #[test]
 fn replies_come_back_in_both_versions() {
     let version = ControllerVersion { major: 5, minor: 11, bugfix: 1, build: 108_318 };
-    let answers = vec![Answer::Type(FieldType::Vector6d), Answer::NotFound, Answer::InUse];
+    let answers = vec![FieldAnswer::Type(FieldType::Vector6d), FieldAnswer::NotFound, FieldAnswer::InUse];
     for protocol in [ProtocolVersion::V1, V2] {
         let recipe = (protocol == V2).then_some(7);
         let source = if protocol == V2 { "RTDE".to_owned() } else { String::new() };
         for reply in [
-            Reply::Protocol(false),
-            Reply::ControllerVersion(version),
-            Reply::Message(Message { level: 2, text: "careful".to_owned(), source }),
-            Reply::Outputs { recipe, answers: answers.clone() },
-            Reply::Inputs { recipe: 3, answers: answers.clone() },
-            Reply::Start(true),
-            Reply::Pause(true),
-            Reply::Data { recipe, fields: vec![1, 2, 3] },
+            RtdeReply::Protocol(false),
+            RtdeReply::ControllerVersion(version),
+            RtdeReply::Message(RtdeMessage { level: 2, text: "careful".to_owned(), source }),
+            RtdeReply::Outputs { recipe, answers: answers.clone() },
+            RtdeReply::Inputs { recipe: 3, answers: answers.clone() },
+            RtdeReply::Start(true),
+            RtdeReply::Pause(true),
+            RtdeReply::Data { recipe, fields: vec![1, 2, 3] },
         ] {
             let (kind, payload) = only(&reply.encode(protocol).unwrap());
-            assert_eq!(Reply::decode(kind, &payload, protocol), Ok(reply));
+            assert_eq!(RtdeReply::decode(kind, &payload, protocol), Ok(reply));
         }
     }
 }
 
 #[test]
 fn a_message_in_version_2_has_two_lengths_and_its_level_last() {
-    let message = Message { level: 3, text: "ab".to_owned(), source: "c".to_owned() };
-    let bytes = Reply::Message(message).encode(V2).unwrap();
+    let message = RtdeMessage { level: 3, text: "ab".to_owned(), source: "c".to_owned() };
+    let bytes = RtdeReply::Message(message).encode(V2).unwrap();
     assert_eq!(bytes, [0, 9, b'M', 2, b'a', b'b', 1, b'c', 3]);
-    let long = Message { level: 3, text: "é".repeat(200), source: String::new() };
-    let (kind, payload) = only(&Request::Message(long).encode(V2).unwrap());
-    let Ok(Request::Message(short)) = Request::decode(kind, &payload, V2) else { panic!("no message") };
+    let long = RtdeMessage { level: 3, text: "é".repeat(200), source: String::new() };
+    let (kind, payload) = only(&RtdeRequest::Message(long).encode(V2).unwrap());
+    let Ok(RtdeRequest::Message(short)) = RtdeRequest::decode(kind, &payload, V2) else {
+        panic!("no message")
+    };
     assert_eq!(short.text, "é".repeat(127));
 }
 
 #[test]
 fn packages_are_cut_out_of_any_pieces() {
     let packages = [
-        Request::Start.encode(V2).unwrap(),
-        Request::Data { recipe: 4, fields: vec![0; 300] }.encode(V2).unwrap(),
+        RtdeRequest::Start.encode(V2).unwrap(),
+        RtdeRequest::Data { recipe: 4, fields: vec![0; 300] }.encode(V2).unwrap(),
     ];
     let stream = packages.concat().repeat(3);
     for piece in [1, 2, 5, 299, stream.len()] {
@@ -111,14 +113,14 @@ fn packages_are_cut_out_of_any_pieces() {
 fn a_size_below_the_header_is_refused() {
     let mut frames = Frames::default();
     frames.feed(&[0, 2, b'S', 0, 3, b'S']);
-    assert_eq!(frames.next_package(), Err(WireError::Size(2)));
+    assert_eq!(frames.next_package(), Err(RtdeWireError::Size(2)));
 }
 
 #[test]
 fn what_does_not_fit_the_size_field_is_refused() {
     let fields = vec![0; LARGEST - HEADER];
-    assert_eq!(Request::Data { recipe: 1, fields }.encode(V2), Err(WireError::TooLong(LARGEST + 1)));
-    assert!(Reply::Data { recipe: Some(1), fields: vec![0; LARGEST - HEADER - 1] }.encode(V2).is_ok());
+    assert_eq!(RtdeRequest::Data { recipe: 1, fields }.encode(V2), Err(RtdeWireError::TooLong(LARGEST + 1)));
+    assert!(RtdeReply::Data { recipe: Some(1), fields: vec![0; LARGEST - HEADER - 1] }.encode(V2).is_ok());
 }
 
 proptest! {
@@ -130,10 +132,10 @@ proptest! {
         payload in prop::collection::vec(any::<u8>(), 0..200), second in any::<bool>())
     {
         let version = if second { V2 } else { ProtocolVersion::V1 };
-        if let Ok(request) = Request::decode(kind, &payload, version) {
+        if let Ok(request) = RtdeRequest::decode(kind, &payload, version) {
             prop_assert!(request.encode(version).is_ok());
         }
-        if let Ok(reply) = Reply::decode(kind, &payload, version) {
+        if let Ok(reply) = RtdeReply::decode(kind, &payload, version) {
             prop_assert!(reply.encode(version).is_ok());
         }
     }

@@ -33,7 +33,7 @@ pub(super) struct Bodies {
 }
 
 /// The pose of a link in the frame of the moving joint before it, as the URDF has it.
-pub(super) struct Place<'a> {
+pub(super) struct LinkPose<'a> {
     pub(super) name: &'a str,
     /// Number of moving joints between base and link.
     pub(super) link: usize,
@@ -41,73 +41,73 @@ pub(super) struct Place<'a> {
     pub(super) translation: Vector3<f64>,
 }
 
-impl Place<'_> {
-    fn beyond<'a>(&self, joint: &'a Joint) -> Result<Place<'a>, ChainError> {
+impl LinkPose<'_> {
+    fn beyond<'a>(&self, joint: &'a Joint) -> Result<LinkPose<'a>, ChainError> {
         let (r, t) = origin(joint)?;
         let (rotation, translation) = (self.rotation * r, self.translation + self.rotation * t);
-        Ok(Place { name: &joint.child.link, link: self.link, rotation, translation })
+        Ok(LinkPose { name: &joint.child.link, link: self.link, rotation, translation })
     }
 }
 
 /// All links on `path` (base to tip) and those fixed to them.
-pub(super) fn places<'a>(
+pub(super) fn poses<'a>(
     robot: &'a Robot,
     base: &'a str,
     path: &[&'a Joint],
-) -> Result<Vec<Place<'a>>, ChainError> {
+) -> Result<Vec<LinkPose<'a>>, ChainError> {
     let (rotation, translation) = (Matrix3::identity(), Vector3::zeros());
-    let mut places = vec![Place { name: base, link: 0, rotation, translation }];
+    let mut poses = vec![LinkPose { name: base, link: 0, rotation, translation }];
     for joint in path {
-        let Some(last) = places.last() else { break };
+        let Some(last) = poses.last() else { break };
         let mut next = last.beyond(joint)?;
         if joint.joint_type != JointType::Fixed {
             (next.rotation, next.translation) = (Matrix3::identity(), Vector3::zeros());
             next.link += 1;
         }
-        places.push(next);
+        poses.push(next);
     }
     let mut done = 0;
-    while let Some(place) = places.get(done) {
+    while let Some(pose) = poses.get(done) {
         let fixed = robot.joints.iter().filter(|joint| {
-            joint.parent.link == place.name
+            joint.parent.link == pose.name
                 && joint.joint_type == JointType::Fixed
-                && !places.iter().any(|known| known.name == joint.child.link)
+                && !poses.iter().any(|known| known.name == joint.child.link)
         });
-        let branches: Result<Vec<_>, _> = fixed.map(|joint| place.beyond(joint)).collect();
-        places.extend(branches?);
+        let branches: Result<Vec<_>, _> = fixed.map(|joint| pose.beyond(joint)).collect();
+        poses.extend(branches?);
         done += 1;
     }
-    Ok(places)
+    Ok(poses)
 }
 
 /// The capsules of these links.
-pub(super) fn bodies(robot: &Robot, places: &[Place<'_>]) -> Result<Bodies, ChainError> {
+pub(super) fn bodies(robot: &Robot, poses: &[LinkPose<'_>]) -> Result<Bodies, ChainError> {
     let mut found = Bodies::default();
-    for place in places {
-        shapes(robot, place, &mut found)?;
+    for pose in poses {
+        shapes(robot, pose, &mut found)?;
     }
     Ok(found)
 }
 
-fn shapes(robot: &Robot, place: &Place<'_>, found: &mut Bodies) -> Result<(), ChainError> {
-    let Some(link) = robot.links.iter().find(|link| link.name == place.name) else { return Ok(()) };
+fn shapes(robot: &Robot, pose: &LinkPose<'_>, found: &mut Bodies) -> Result<(), ChainError> {
+    let Some(link) = robot.links.iter().find(|link| link.name == pose.name) else { return Ok(()) };
     let before = found.capsules.len();
     for collision in &link.collision {
         let [roll, pitch, yaw] = collision.origin.rpy.0;
         let turn: Matrix3<f64> = Rotation3::from_euler_angles(roll, pitch, yaw).into_inner();
         let Some((along, radius)) = capsule(&collision.geometry) else { continue };
-        let rotation = place.rotation * turn;
-        let centre = place.translation + place.rotation * Vector3::from(collision.origin.xyz.0);
+        let rotation = pose.rotation * turn;
+        let centre = pose.translation + pose.rotation * Vector3::from(collision.origin.xyz.0);
         let half = rotation * along;
         let segment = Segment { from: centre - half, to: centre + half };
         let finite = segment.from.iter().chain(&segment.to).all(|x| x.is_finite());
         if !(finite && radius.is_finite() && radius > 0.0) {
-            return Err(ChainError::Shape { link: place.name.to_owned() });
+            return Err(ChainError::Shape { link: pose.name.to_owned() });
         }
-        found.capsules.push(Capsule { name: place.name.to_owned(), link: place.link, segment, radius });
+        found.capsules.push(Capsule { name: pose.name.to_owned(), link: pose.link, segment, radius });
     }
     if found.capsules.len() == before && !link.collision.is_empty() {
-        found.meshes.push(place.name.to_owned());
+        found.meshes.push(pose.name.to_owned());
     }
     Ok(())
 }

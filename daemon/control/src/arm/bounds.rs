@@ -13,7 +13,6 @@ pub const LONGEST_BYTES: usize = 4 << 20;
 const DEEPEST: usize = 64;
 /// Elements at most: fifty times those of a UR.
 const MOST_ELEMENTS: usize = 20_000;
-/// Attributes at most.
 const MOST_ATTRIBUTES: usize = 100_000;
 /// Longest attribute \[bytes\]: an error may show it.
 const LONGEST_ATTRIBUTE: usize = 1000;
@@ -25,7 +24,7 @@ const MOST_BRACKETS: usize = 64;
 const PIECE_BYTES: usize = 4096;
 
 /// Refuses a description beyond one of the bounds, which the error names. Malformed ones pass: what is wrong
-/// with them is said by who reads them.
+/// with them is reported by their reader.
 ///
 /// # Errors
 /// [`ChainError::Bound`].
@@ -50,8 +49,8 @@ pub(super) fn bounded(text: &str) -> Result<(), ChainError> {
     let (mut parser, mut rest) = (Parser::new(), text);
     while !rest.is_empty() {
         let cut = (PIECE_BYTES..).find(|cut| *cut >= rest.len() || rest.is_char_boundary(*cut));
-        let (piece, after) = rest.split_at_checked(cut.unwrap_or(rest.len())).unwrap_or((rest, ""));
-        parser.feed_str(piece);
+        let (chunk, after) = rest.split_at_checked(cut.unwrap_or(rest.len())).unwrap_or((rest, ""));
+        parser.feed_str(chunk);
         rest = after;
         for event in &mut parser {
             nodes += 1;
@@ -89,7 +88,7 @@ mod tests {
     use crate::arm::description;
 
     /// What the bounds say, and that the whole reader says the same.
-    fn told(text: &str) -> String {
+    fn refusal(text: &str) -> String {
         let why = bounded(text).unwrap_err();
         assert_eq!(description(text).unwrap_err(), why);
         why.to_string()
@@ -102,27 +101,27 @@ mod tests {
     #[test]
     fn a_description_beyond_a_bound_is_refused_before_it_is_read() {
         for depth in [DEEPEST, 20_000, 60_000, 300_000] {
-            let told = told(&nested(depth));
-            assert!(told.contains("65 elements inside each other, 64 are the most"), "{told}");
+            let refusal = refusal(&nested(depth));
+            assert!(refusal.contains("65 elements inside each other, 64 are the most"), "{refusal}");
         }
         assert!(bounded(&nested(DEEPEST - 1)).is_ok());
         // Never closed, and with comments and quotes that hide nothing.
         let open = "<a b='</a>'><!-- </a> --><![CDATA[</a>]]>".repeat(1000);
-        assert!(told(&open).contains("inside each other"));
+        assert!(refusal(&open).contains("inside each other"));
         let tiny = format!("<robot>{}</robot>", "<a/>".repeat(10_000_000));
-        assert!(told(&tiny).contains("40000015 bytes, 4194304 are the most"), "{}", told(&tiny));
+        assert!(refusal(&tiny).contains("40000015 bytes, 4194304 are the most"), "{}", refusal(&tiny));
         let tiny = format!("<robot>{}</robot>", "<a/>".repeat(1_000_000));
-        assert!(told(&tiny).contains("20001 elements, 20000 are the most"), "{}", told(&tiny));
+        assert!(refusal(&tiny).contains("20001 elements, 20000 are the most"), "{}", refusal(&tiny));
         let comments = format!("<robot>{}</robot>", "<!---->".repeat(500_000));
-        assert!(told(&comments).contains("tags, comments and pieces of text"));
+        assert!(refusal(&comments).contains("tags, comments and pieces of text"));
         let attributes: String = (0..150_000).map(|n| format!(" a{n}=''")).collect();
-        assert!(told(&format!("<robot{attributes}/>")).contains("150000 attributes"));
+        assert!(refusal(&format!("<robot{attributes}/>")).contains("150000 attributes"));
         let long = |bytes| format!("<robot name=\"{}\"/>", "[".repeat(bytes));
-        assert!(told(&long(1001)).contains("1001 bytes in one attribute, 1000 are the most"));
+        assert!(refusal(&long(1001)).contains("1001 bytes in one attribute, 1000 are the most"));
         assert!(bounded(&long(1000)).is_ok());
         // 256 in a row overflow the reader's count.
         let brackets = format!("<robot><![CDATA[{}]]></robot>", "]".repeat(3_000_000));
-        assert!(told(&brackets).contains("closing brackets in a row"));
+        assert!(refusal(&brackets).contains("closing brackets in a row"));
     }
 
     #[test]

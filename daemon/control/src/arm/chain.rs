@@ -4,6 +4,8 @@
 //! frame, in metres and radians. Every joint frame is rotated at construction so that its axis is z: a joint
 //! then costs one plane rotation.
 
+#![expect(clippy::indexing_slicing, reason = "indices run over the joints, the length of every array")]
+
 use crate::state::state;
 use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, Unit, Vector3, Vector6};
 
@@ -18,7 +20,7 @@ use crate::geometry::Segment;
 /// The fixed geometry of an arm with J revolute or continuous joints, base to tip.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Chain<const J: usize> {
-    links: [Link; J],
+    links: [JointFrame; J],
     tip_rotation: Matrix3<f64>,
     tip_translation: Vector3<f64>,
     /// Origin of the tip link in the last joint's frame, without a tool \[m\].
@@ -32,7 +34,7 @@ pub struct Chain<const J: usize> {
 
 /// Fixed transform from the previous joint's frame to this one's at q = 0, whose z is the joint axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Link {
+pub(super) struct JointFrame {
     pub(super) rotation: Matrix3<f64>,
     pub(super) translation: Vector3<f64>,
 }
@@ -91,7 +93,7 @@ impl<const J: usize> Chain<J> {
     pub fn from_urdf(text: &str, base: Option<&str>, tip: Option<&str>) -> Result<Self, ChainError> {
         let found = urdf::segments(text, base, tip)?;
         let count = found.segments.len();
-        let mut links = [Link { rotation: Matrix3::identity(), translation: Vector3::zeros() }; J];
+        let mut links = [JointFrame { rotation: Matrix3::identity(), translation: Vector3::zeros() }; J];
         let mut limits = ChainLimits {
             names: std::array::from_fn(|_| String::new()),
             position: [[0.0; 2]; J],
@@ -108,24 +110,20 @@ impl<const J: usize> Chain<J> {
         }
         // Carries the rotation that made the previous joint's axis z, undone before the next link.
         let mut turned = Matrix3::identity();
-        let rows = limits.names.iter_mut().zip(&mut limits.position);
-        let rows = rows.zip(&mut limits.velocity).zip(&mut limits.effort).zip(&mut limits.friction);
-        for (index, (((link, mass), ((((name, position), velocity), effort), friction)), s)) in
-            links.iter_mut().zip(&mut masses).zip(rows).zip(found.segments).enumerate()
-        {
+        for (j, s) in found.segments.into_iter().enumerate().take(J) {
             let turn = rotation_from_z_to(&s.axis);
-            *link = Link {
+            links[j] = JointFrame {
                 rotation: turned.transpose() * s.rotation * turn,
                 translation: turned.transpose() * s.translation,
             };
             turned = turn;
-            for body in bodies.capsules.iter_mut().filter(|body| body.link == index + 1) {
+            for body in bodies.capsules.iter_mut().filter(|body| body.link == j + 1) {
                 let Segment { from, to } = body.segment;
                 body.segment = Segment { from: turn.tr_mul(&from), to: turn.tr_mul(&to) };
             }
-            *mass = mass.turned(&turn.transpose());
-            (*name, *position, *velocity, *effort) = (s.name, s.position, s.velocity, s.effort);
-            *friction = s.friction;
+            masses[j] = masses[j].turned(&turn.transpose());
+            (limits.names[j], limits.position[j], limits.velocity[j]) = (s.name, s.position, s.velocity);
+            (limits.effort[j], limits.friction[j]) = (s.effort, s.friction);
         }
         if count != J {
             let (base, tip) = (found.base, found.tip);
@@ -226,16 +224,16 @@ impl<const J: usize> Chain<J> {
         let mut origins = SMatrix::<f64, 3, J>::zeros();
         let mut jacobian = SMatrix::<f64, 6, J>::zeros();
         let mut frames = [Matrix3::identity(); J];
-        let joints = self.links.iter().zip(sines.iter().zip(&cosines)).zip(&mut frames);
-        for (i, ((link, (s, c)), frame)) in joints.enumerate() {
+        for j in 0..J {
+            let (link, s, c) = (&self.links[j], sines[j], cosines[j]);
             position += rotation * link.translation;
             let fixed = rotation * link.rotation;
             let (x, y) = (fixed.column(0), fixed.column(1));
-            let (turned_x, turned_y) = (x * *c + y * *s, y * *c - x * *s);
+            let (turned_x, turned_y) = (x * c + y * s, y * c - x * s);
             rotation = Matrix3::from_columns(&[turned_x, turned_y, fixed.column(2).into_owned()]);
-            *frame = rotation;
-            origins.set_column(i, &position);
-            jacobian.fixed_view_mut::<3, 1>(3, i).copy_from(&fixed.column(2));
+            frames[j] = rotation;
+            origins.set_column(j, &position);
+            jacobian.fixed_view_mut::<3, 1>(3, j).copy_from(&fixed.column(2));
         }
         position += rotation * self.tip_translation;
         rotation *= self.tip_rotation;
@@ -263,8 +261,8 @@ impl<const J: usize> Kinematics<J> {
     #[must_use]
     pub fn pose(&self) -> [f64; 6] {
         let turn = Rotation3::from_matrix_unchecked(self.rotation).scaled_axis();
-        let (place, turn): ([f64; 3], [f64; 3]) = (self.position.into(), turn.into());
-        let mut numbers = place.into_iter().chain(turn);
+        let (position, turn): ([f64; 3], [f64; 3]) = (self.position.into(), turn.into());
+        let mut numbers = position.into_iter().chain(turn);
         std::array::from_fn(|_| numbers.next().unwrap_or(0.0))
     }
 

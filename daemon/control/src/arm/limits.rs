@@ -12,6 +12,8 @@
 //! q̇²/(2a_b) holds for every h: for q̇ ≥ a·h the difference is q̇h(1 − a/a_b) − a·h(h + hold) + a²h²/(2a_b)
 //! ≤ −a²h²/(2a_b) − a·h·hold < 0, otherwise q̇' = 0.
 
+#![expect(clippy::indexing_slicing, reason = "indices run over the joints, the length of every array")]
+
 use crate::state::state;
 use thiserror::Error;
 
@@ -36,11 +38,11 @@ pub enum LimitError {
     NotPositive {
         /// Joint index from 0, base first.
         joint: usize,
-        /// Which limit.
+        /// Name of the limit, as in the message.
         quantity: &'static str,
-        /// As given.
+        /// The refused value, as it was given.
         value: f64,
-        /// Its unit.
+        /// Unit of the value, as in the message.
         unit: &'static str,
     },
     /// A consumer would brake harder than the joint may accelerate.
@@ -170,13 +172,12 @@ impl<const J: usize> JointLimits<J> {
     /// Whether every joint is inside its position limits and can still stop there (see the module).
     #[must_use]
     pub fn is_viable(&self, motion: &JointMotion<J>) -> bool {
-        self.position.iter().zip(&self.deceleration).zip(motion.q.iter().zip(&motion.qd)).all(
-            |(([lower, upper], decel), (q, qd))| {
-                let needed = qd.abs() * self.hold_s + qd * qd / (2.0 * decel);
-                let room = if *qd > 0.0 { upper - q } else { q - lower };
-                *q >= *lower && *q <= *upper && needed <= room
-            },
-        )
+        (0..J).all(|j| {
+            let ([lower, upper], q, qd) = (self.position[j], motion.q[j], motion.qd[j]);
+            let needed = qd.abs() * self.hold_s + qd * qd / (2.0 * self.deceleration[j]);
+            let room = if qd > 0.0 { upper - q } else { q - lower };
+            q >= lower && q <= upper && needed <= room
+        })
     }
 }
 
@@ -228,11 +229,7 @@ impl<const J: usize> VelocityBox<J> {
     /// The velocities in the box nearest to `qd` \[rad/s\], joint by joint.
     #[must_use]
     pub fn nearest(&self, qd: &[f64; J]) -> [f64; J] {
-        let mut inside = *qd;
-        for (x, (lower, upper)) in inside.iter_mut().zip(self.lower.iter().zip(&self.upper)) {
-            *x = within(*x, *lower, *upper);
-        }
-        inside
+        std::array::from_fn(|j| within(qd[j], self.lower[j], self.upper[j]))
     }
 }
 
@@ -250,27 +247,24 @@ pub fn velocity_box<const J: usize>(
     let mut out = VelocityBox { lower: [0.0; J], upper: [0.0; J] };
     let h = if elapsed > 0.0 { elapsed } else { 0.0 };
     let jerk = limits.jerk.unwrap_or([f64::INFINITY; J]);
-    let slots = out.lower.iter_mut().zip(&mut out.upper);
-    let state = motion.q.iter().zip(&motion.qd).zip(&motion.qdd);
-    let reach = limits.position.iter().zip(&limits.deceleration);
-    let rates = limits.velocity.iter().zip(&limits.acceleration).zip(&jerk);
-    for (((slot, ((q, qd), qdd)), ([q_min, q_max], decel)), ((v, a), j)) in
-        slots.zip(state).zip(reach).zip(rates)
-    {
+    for i in 0..J {
+        let (q, qd, qdd, j) = (motion.q[i], motion.qd[i], motion.qdd[i], jerk[i]);
+        let (v, a, decel) = (limits.velocity[i], limits.acceleration[i], limits.deceleration[i]);
+        let [q_min, q_max] = limits.position[i];
         let (lower, upper) = (qd - a * h, qd + a * h);
-        let v_up = viable_velocity(q_max - q, h, limits.hold_s, *decel, *v);
-        let v_down = -viable_velocity(q - q_min, h, limits.hold_s, *decel, *v);
+        let v_up = viable_velocity(q_max - q, h, limits.hold_s, decel, v);
+        let v_down = -viable_velocity(q - q_min, h, limits.hold_s, decel, v);
         let hard_lower = within(v_down.max(-v), lower, upper);
-        let hard_upper = within(v_up.min(*v), lower, upper).max(hard_lower);
+        let hard_upper = within(v_up.min(v), lower, upper).max(hard_lower);
         let (soft_lower, soft_upper) = if j.is_finite() {
-            let ease_up = easing_rate(v - qd, h, *j);
-            let ease_down = -easing_rate(v + qd, h, *j);
+            let ease_up = easing_rate(v - qd, h, j);
+            let ease_down = -easing_rate(v + qd, h, j);
             ((qdd - j * h).max(ease_down).min(qdd + j * h), (qdd + j * h).min(ease_up).max(qdd - j * h))
         } else {
             (-f64::INFINITY, f64::INFINITY)
         };
-        *slot.0 = within(qd + soft_lower * h, hard_lower, hard_upper);
-        *slot.1 = within(qd + soft_upper * h, hard_lower, hard_upper);
+        out.lower[i] = within(qd + soft_lower * h, hard_lower, hard_upper);
+        out.upper[i] = within(qd + soft_upper * h, hard_lower, hard_upper);
     }
     out
 }
@@ -305,11 +299,10 @@ pub(crate) fn longest<const J: usize>(velocity: &[f64; J], deceleration: &[f64; 
 /// joint.
 #[must_use]
 pub fn braking<const J: usize>(qd: &[f64; J], deceleration: &[f64; J], elapsed: f64) -> [f64; J] {
-    let mut slower = *qd;
-    for (v, a) in slower.iter_mut().zip(deceleration) {
-        *v -= within(*v, -a * elapsed, a * elapsed);
-    }
-    slower
+    std::array::from_fn(|j| {
+        let most = deceleration[j] * elapsed;
+        qd[j] - within(qd[j], -most, most)
+    })
 }
 
 /// `qd` \[rad/s\] after braking toward zero for `elapsed` seconds, all joints in proportion, the one that
@@ -343,11 +336,7 @@ pub const LONGEST_EASE_S: f64 = 0.05;
 #[must_use]
 pub fn stop_jerk<const J: usize>(limits: &JointLimits<J>) -> [f64; J] {
     limits.jerk().copied().unwrap_or_else(|| {
-        let mut jerk = *limits.acceleration();
-        for (jerk, decel) in jerk.iter_mut().zip(limits.deceleration()) {
-            *jerk = (*jerk + decel) / EASE_S;
-        }
-        jerk
+        std::array::from_fn(|j| (limits.acceleration[j] + limits.deceleration[j]) / EASE_S)
     })
 }
 

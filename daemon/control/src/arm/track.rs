@@ -4,6 +4,7 @@
 //! stamp that goes back, or a jump that no arm makes begins a new stretch; nothing is interpolated across it.
 //! Bounded work per sample.
 
+use crate::history::History;
 use crate::state::state;
 use crate::units::Stamp;
 
@@ -23,19 +24,17 @@ const KEPT: usize = 64;
 
 /// One stretch of motion on the grid.
 #[derive(Debug, Clone)]
-pub(in crate::arm) struct Track<const J: usize> {
-    ring: [[f64; J]; KEPT],
+pub(in crate::arm) struct JointTrack<const J: usize> {
+    /// Each under its grid index.
+    points: History<[f64; J], KEPT>,
     last: Option<(Stamp, [f64; J])>,
-    /// First grid index of the stretch, and one past its newest.
-    begin: u64,
-    end: u64,
 }
 
-state! { [const J: usize] Track<J> { ring, last, begin, end } }
+state! { [const J: usize] JointTrack<J> { points, last } }
 
-impl<const J: usize> Track<J> {
+impl<const J: usize> JointTrack<J> {
     pub(in crate::arm) const fn new() -> Self {
-        Self { ring: [[0.0; J]; KEPT], last: None, begin: 0, end: 0 }
+        Self { points: History::new([0.0; J]), last: None }
     }
 
     /// Adds a sample; non-finite positions and repeated stamps are ignored.
@@ -51,19 +50,19 @@ impl<const J: usize> Track<J> {
         };
         if let (Some(span_ns), Some((before, from))) = (span_ns, &self.last) {
             // One past the last sample; a state from a file may hold anything here.
-            self.end = before.0 / GRID_NS + 1;
+            let first = before.0 / GRID_NS + 1;
+            self.points.go_on_at(first);
             // At most MAX_GAP_NS / GRID_NS turns.
-            while self.end < next {
-                let part = (self.end * GRID_NS - before.0) as f64 / span_ns as f64;
-                if let Some(slot) = self.ring.get_mut(self.end as usize % KEPT) {
-                    for (slot, (from, to)) in slot.iter_mut().zip(from.iter().zip(q)) {
-                        *slot = from + part * (to - from);
-                    }
+            for k in first..next {
+                let part = (k * GRID_NS - before.0) as f64 / span_ns as f64;
+                let mut point = *from;
+                for (point, to) in point.iter_mut().zip(q) {
+                    *point += part * (to - *point);
                 }
-                self.end += 1;
+                self.points.push(point);
             }
         } else {
-            (self.begin, self.end) = (next, next);
+            self.points.restart(next);
         }
         self.last = Some((stamp, *q));
     }
@@ -71,27 +70,27 @@ impl<const J: usize> Track<J> {
     /// Forgets everything: the next sample begins a new stretch.
     pub(in crate::arm) fn restart(&mut self) {
         self.last = None;
-        (self.begin, self.end) = (0, 0);
+        self.points.restart(0);
     }
 
     /// First grid index that is still stored.
     pub(in crate::arm) fn begin(&self) -> u64 {
-        self.begin.max(self.end.saturating_sub(KEPT as u64))
+        self.points.begin()
     }
 
     /// Nothing of the present stretch was dropped yet.
     pub(in crate::arm) fn whole(&self) -> bool {
-        self.end.saturating_sub(self.begin) <= KEPT as u64
+        self.points.is_whole()
     }
 
     /// One past the newest grid index.
     pub(in crate::arm) fn end(&self) -> u64 {
-        self.end
+        self.points.end()
     }
 
     /// Positions at grid index `k` of the present stretch.
     pub(in crate::arm) fn at(&self, k: u64) -> Option<&[f64; J]> {
-        if (self.begin()..self.end).contains(&k) { self.ring.get(k as usize % KEPT) } else { None }
+        self.points.get(k)
     }
 }
 
@@ -112,7 +111,7 @@ mod tests {
 
     #[test]
     fn grid_points_lie_on_the_line_between_samples() {
-        let mut track = Track::<1>::new();
+        let mut track = JointTrack::<1>::new();
         for t in (1003..1100).step_by(7) {
             track.push(ms(t), &[t as f64 * 1e-3]);
         }
@@ -126,9 +125,9 @@ mod tests {
     #[test]
     fn a_restored_end_that_does_not_fit_the_last_sample_costs_no_time() {
         for end in [0, 5, u64::MAX] {
-            let mut track = Track::<1>::new();
+            let mut track = JointTrack::<1>::new();
             track.push(ms(3_600_000_000), &[0.5]);
-            track.end = end;
+            track.points.go_on_at(end);
             track.push(ms(3_600_000_010), &[0.5]);
             assert_eq!(track.end(), 360_000_002, "restored as {end}");
         }
@@ -137,7 +136,7 @@ mod tests {
     #[test]
     fn gaps_leaps_and_time_that_goes_back_begin_anew() {
         for (stamp, q) in [(ms(1200), 0.0), (ms(900), 0.0), (ms(1052), 0.9)] {
-            let mut track = Track::<1>::new();
+            let mut track = JointTrack::<1>::new();
             for t in 1000..=1050 {
                 track.push(ms(t), &[0.0]);
             }
@@ -149,7 +148,7 @@ mod tests {
 
     #[test]
     fn what_is_no_position_or_no_news_is_left_out() {
-        let mut track = Track::<1>::new();
+        let mut track = JointTrack::<1>::new();
         track.push(ms(1000), &[0.0]);
         for (stamp, q) in [(ms(1001), f64::NAN), (ms(1001), 1e9), (ms(1000), 0.01)] {
             track.push(stamp, &[q]);

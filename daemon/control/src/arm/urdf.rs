@@ -9,7 +9,7 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 use thiserror::Error;
 use urdf_rs::{Joint, JointType, Robot};
 
-use crate::arm::bodies::{Bodies, bodies, places};
+use crate::arm::bodies::{Bodies, bodies, poses};
 use crate::arm::bounds::bounded;
 use crate::arm::dynamics::{DynamicsError, Inertia, inertias};
 
@@ -25,7 +25,7 @@ pub enum ChainError {
     /// Not XML, or not URDF.
     #[error("the robot description cannot be read as URDF: {reason}")]
     Malformed {
-        /// The parser's message.
+        /// Message of the parser of XML.
         reason: String,
     },
     /// Larger than anything that describes an arm.
@@ -33,7 +33,7 @@ pub enum ChainError {
         "the robot description has {found} {what}, {most} are the most that are read: name that of one arm"
     )]
     Bound {
-        /// What is counted.
+        /// What is counted, as in the message.
         what: &'static str,
         /// How many there are; where it stopped counting, at least.
         found: usize,
@@ -49,9 +49,9 @@ pub enum ChainError {
     /// The named base or tip does not exist.
     #[error("link `{link}` does not exist; the links are: {known}")]
     UnknownLink {
-        /// As asked for.
+        /// Name of the link that was asked for.
         link: String,
-        /// All link names.
+        /// Names of all links, for the message.
         known: String,
     },
     /// No base was named and the description has no single root.
@@ -59,13 +59,13 @@ pub enum ChainError {
     Root {
         /// How many links have no parent.
         count: usize,
-        /// Their names.
+        /// Names of these links, for the message.
         links: String,
     },
     /// No tip was named and the chain branches.
     #[error("the chain branches at link `{link}` into joints {joints}; name the tip link")]
     Branch {
-        /// Where it branches.
+        /// Link at which the chain branches.
         link: String,
         /// The joints that leave there.
         joints: String,
@@ -76,21 +76,21 @@ pub enum ChainError {
          parent"
     )]
     Loop {
-        /// The link.
+        /// Link that is its own ancestor.
         link: String,
     },
     /// The tip is not below the base.
     #[error("link `{tip}` is not below link `{base}`")]
     Disconnected {
-        /// Base link.
+        /// Name of the link where the chain begins.
         base: String,
-        /// Tip link.
+        /// Name of the link where the chain ends.
         tip: String,
     },
     /// A joint type other than revolute, continuous and fixed.
     #[error("joint `{joint}` is {kind}; only revolute, continuous and fixed joints can be followed")]
     Kind {
-        /// Joint name.
+        /// Name of the joint in the description.
         joint: String,
         /// Its type in URDF.
         kind: &'static str,
@@ -98,7 +98,7 @@ pub enum ChainError {
     /// A joint that mimics another one is not independent.
     #[error("joint `{joint}` mimics `{other}`; a chain needs independent joints")]
     Mimic {
-        /// Joint name.
+        /// Name of the joint in the description.
         joint: String,
         /// Name of the other joint.
         other: String,
@@ -106,31 +106,31 @@ pub enum ChainError {
     /// The wrong number of moving joints.
     #[error("{found} moving joints between `{base}` and `{tip}`, but {expected} are needed")]
     Count {
-        /// In the description.
+        /// Moving joints that the description has.
         found: usize,
-        /// The arm's number.
+        /// Moving joints that the arm has.
         expected: usize,
-        /// Base link.
+        /// Name of the link where the chain begins.
         base: String,
-        /// Tip link.
+        /// Name of the link where the chain ends.
         tip: String,
     },
     /// The axis is shorter than 1e-6 or NaN.
     #[error("joint `{joint}`: axis [{x}, {y}, {z}] has no direction")]
     Axis {
-        /// Joint name.
+        /// Name of the joint in the description.
         joint: String,
-        /// Axis component.
+        /// Component of the axis, as in the description.
         x: f64,
-        /// Axis component.
+        /// Component of the axis, as in the description.
         y: f64,
-        /// Axis component.
+        /// Component of the axis, as in the description.
         z: f64,
     },
     /// An origin is non-finite.
     #[error("joint `{joint}`: origin xyz or rpy is not a finite number")]
     Origin {
-        /// Joint name.
+        /// Name of the joint in the description.
         joint: String,
     },
     /// A shape of the collision geometry has an invalid size or origin.
@@ -139,7 +139,7 @@ pub enum ChainError {
          is not finite"
     )]
     Shape {
-        /// Link name.
+        /// Name of the link in the description.
         link: String,
     },
     /// Friction below 0 or NaN.
@@ -148,11 +148,11 @@ pub enum ChainError {
          it out"
     )]
     Friction {
-        /// Joint name.
+        /// Name of the joint in the description.
         joint: String,
-        /// Which number.
+        /// Name of the number, as in the message.
         what: &'static str,
-        /// As read.
+        /// The value that the description has.
         value: f64,
     },
     /// The limit element is missing, empty or NaN.
@@ -161,20 +161,20 @@ pub enum ChainError {
          finite and lower < upper"
     )]
     Limit {
-        /// Joint name.
+        /// Name of the joint in the description.
         joint: String,
-        /// Which number.
+        /// Name of the number, as in the message.
         what: &'static str,
         /// As read (0 when absent).
         value: f64,
-        /// Its unit.
+        /// Unit of the value, as in the message.
         unit: &'static str,
     },
 }
 
 /// One moving joint with the fixed transform that leads to it.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Segment {
+pub(super) struct UrdfJoint {
     pub(super) name: String,
     /// Previous joint's frame → this joint's frame at q = 0 (3 x 3).
     pub(super) rotation: Matrix3<f64>,
@@ -195,7 +195,7 @@ pub(super) struct Segment {
 /// A serial chain: moving joints base to tip, then the fixed transform to the tip link.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Segments {
-    pub(super) segments: Vec<Segment>,
+    pub(super) segments: Vec<UrdfJoint>,
     pub(super) tip_rotation: Matrix3<f64>,
     pub(super) tip_translation: Vector3<f64>,
     pub(super) base: String,
@@ -218,10 +218,10 @@ pub(super) fn segments(text: &str, base: Option<&str>, tip: Option<&str>) -> Res
     };
     let tip = path.last().map_or_else(|| base.clone(), |j| j.child.link.clone());
 
-    let places = places(&robot, &base, &path)?;
-    let bodies = bodies(&robot, &places)?;
+    let poses = poses(&robot, &base, &path)?;
+    let bodies = bodies(&robot, &poses)?;
     let moving_joints = path.iter().filter(|joint| joint.joint_type != JointType::Fixed).count();
-    let inertias = inertias(&robot, &places, moving_joints);
+    let inertias = inertias(&robot, &poses, moving_joints);
     let mut segments = Vec::new();
     let (mut rotation, mut translation) = (Matrix3::identity(), Vector3::zeros());
     for joint in path {
@@ -381,7 +381,7 @@ fn segment(
     position: [f64; 2],
     rotation: Matrix3<f64>,
     translation: Vector3<f64>,
-) -> Result<Segment, ChainError> {
+) -> Result<UrdfJoint, ChainError> {
     let [x, y, z] = joint.axis.xyz.0;
     let length = Vector3::new(x, y, z).norm();
     if !(length.is_finite() && length > 1e-6) {
@@ -403,7 +403,7 @@ fn segment(
     }
     let axis = Vector3::new(x, y, z) / length;
     let name = joint.name.clone();
-    Ok(Segment { name, rotation, translation, axis, position, velocity, effort, friction })
+    Ok(UrdfJoint { name, rotation, translation, axis, position, velocity, effort, friction })
 }
 
 fn limit_error(joint: &Joint, what: &'static str, value: f64, unit: &'static str) -> ChainError {
@@ -421,7 +421,7 @@ mod tests {
         let many = segments(&all, None, None).map(|_| ()).unwrap_err().to_string();
         assert!(many.len() < 4000 && many.contains("and 4960 more"), "{} bytes: {many:.300}", many.len());
         let quoted = format!("<robot name=\"r\"><link name=\"{}\"", "<".repeat(900));
-        let told = description(&quoted).unwrap_err().to_string();
-        assert!(told.len() < 2000 && told.contains("cannot be read as URDF"), "{told}");
+        let message = description(&quoted).unwrap_err().to_string();
+        assert!(message.len() < 2000 && message.contains("cannot be read as URDF"), "{message}");
     }
 }

@@ -42,12 +42,12 @@ pub use pairs::Nearest;
 use crate::arm::chain::{Chain, Kinematics};
 use crate::arm::limits::{JointLimits, JointMotion, VelocityBox, longest, stop_jerk};
 use crate::arm::silence::Silence;
-use crate::qp::offered::Offered;
+use crate::qp::offered::OfferedRows;
 use crate::qp::row_qp::RowSet;
-use motion::Moving;
+use motion::LinkMotion;
 use pairs::{Other, Pair};
-use watch::{Reach, Watch};
-pub use way::{Looked, Obstructed, Way};
+use watch::{PairWatch, Reach};
+pub use way::{Obstructed, Way, WayCheck};
 
 /// Largest number of capsules of one arm.
 pub const MAX_CAPSULES: usize = 40;
@@ -78,13 +78,13 @@ pub enum ClearanceError {
     /// Too many planes and boxes.
     #[error("{count} planes and boxes, but there is room for {MAX_OBSTACLES}")]
     Obstacles {
-        /// How many.
+        /// How many there are.
         count: usize,
     },
     /// Too many shapes.
     #[error("the description has {count} collision shapes, but there is room for {MAX_CAPSULES}")]
     Capsules {
-        /// How many.
+        /// How many there are.
         count: usize,
     },
     /// There is something to keep away from, but the shape of the arm is unknown.
@@ -93,7 +93,7 @@ pub enum ClearanceError {
          {meshes}), so nothing can be kept away"
     )]
     NoShape {
-        /// Links with meshes.
+        /// Names of links that have meshes only.
         meshes: String,
     },
 }
@@ -128,8 +128,8 @@ pub struct Clearance<const J: usize> {
     pairs: Vec<Pair<J>>,
     margin: f64,
     rate: f64,
-    watch: Watch<J>,
-    found: Offered<J>,
+    watch: PairWatch<J>,
+    found: OfferedRows<J>,
 }
 
 state! { [const J: usize] Clearance<J> { watch, found } fixed { chain, limits, pairs, margin, rate } }
@@ -170,22 +170,16 @@ impl<const J: usize> Clearance<J> {
         Ok(Self {
             chain: chain.clone(),
             limits: *limits,
-            watch: Watch::new(&pairs),
+            watch: PairWatch::new(&pairs),
             pairs,
             margin,
             rate: 1.0 / (own.max(consumer) + ease + period_s),
-            found: Offered::default(),
+            found: OfferedRows::default(),
         })
     }
 
-    /// Distance kept \[m\].
-    #[must_use]
-    pub const fn margin_m(&self) -> f64 {
-        self.margin
-    }
-
     /// The rows of the last call.
-    pub(crate) fn found(&self) -> &Offered<J> {
+    pub(crate) fn found(&self) -> &OfferedRows<J> {
         &self.found
     }
 
@@ -246,7 +240,7 @@ impl<const J: usize> Clearance<J> {
                 if !(gap <= enough) {
                     return;
                 }
-                let moving = moving.get_or_insert_with(|| Moving::new(kinematics, &motion.qd));
+                let moving = moving.get_or_insert_with(|| LinkMotion::new(kinematics, &motion.qd));
                 let (row, bending) = moving.apart(pair, &separation);
                 let bound = (-*rate * gap).min(back) - 0.5 * elapsed * bending;
                 found.offer(&row, bound, allowed);
@@ -255,7 +249,7 @@ impl<const J: usize> Clearance<J> {
             let farthest: f64 = pair.levers.iter().zip(&glide).map(|(lever, angle)| lever * angle).sum();
             if distance - *margin <= farthest {
                 let silent = silent.get_or_insert_with(|| Silence::after(chain, limits, motion, elapsed));
-                let resting = Moving::new(&silent.kinematics, &[0.0; J]);
+                let resting = LinkMotion::new(&silent.kinematics, &[0.0; J]);
                 let least = margin.min(distance);
                 pair.separations(&silent.kinematics, |separation| {
                     let (mut row, _) = resting.apart(pair, &separation);

@@ -7,14 +7,14 @@ use crate::clearance::pairs::Pair;
 use crate::geometry::Separation;
 
 /// Motion of the links at zero joint acceleration.
-pub(super) struct Moving<'a, const J: usize> {
+pub(super) struct LinkMotion<'a, const J: usize> {
     kinematics: &'a Kinematics<J>,
     /// Angular velocity \[rad/s\] and acceleration \[rad/s²\] of each moving link, and its origin's
     /// acceleration \[m/s²\].
     links: [[Vector3<f64>; 3]; J],
 }
 
-impl<'a, const J: usize> Moving<'a, J> {
+impl<'a, const J: usize> LinkMotion<'a, J> {
     pub(super) fn new(kinematics: &'a Kinematics<J>, qd: &[f64; J]) -> Self {
         let mut links = [[Vector3::zeros(); 3]; J];
         let [mut omega, mut alpha, mut acceleration] = [Vector3::<f64>::zeros(); 3];

@@ -13,7 +13,7 @@ pub const MAX_OBSTACLES: usize = 16;
 pub enum Obstacle {
     /// Everything behind a plane.
     HalfSpace(HalfSpace),
-    /// A box.
+    /// A box, in any orientation.
     Cuboid(Cuboid),
 }
 
@@ -23,13 +23,13 @@ pub enum ObstacleError {
     /// The normal is not a unit vector.
     #[error("the normal [{x}, {y}, {z}] has length {length:.4} instead of 1")]
     Normal {
-        /// Component.
+        /// Component of the normal, as given.
         x: f64,
-        /// Component.
+        /// Component of the normal, as given.
         y: f64,
-        /// Component.
+        /// Component of the normal, as given.
         z: f64,
-        /// Its length.
+        /// Length of the normal, as given.
         length: f64,
     },
     /// The box has no volume.

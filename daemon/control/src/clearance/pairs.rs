@@ -78,7 +78,7 @@ impl<const J: usize> Pair<J> {
     /// Calls `found` with every separation that a row may be about, and returns the smallest distance \[m\].
     pub(super) fn separations(&self, kinematics: &Kinematics<J>, mut found: impl FnMut(Separation)) -> f64 {
         let mut nearest = f64::INFINITY;
-        let mut tell = |separation: Separation, radius: f64| {
+        let mut add = |separation: Separation, radius: f64| {
             let distance = separation.distance - radius;
             nearest = nearest.min(distance);
             found(Separation { distance, ..separation });
@@ -87,19 +87,19 @@ impl<const J: usize> Pair<J> {
         match &self.other {
             // Both ends, so that a capsule parallel to a plane can neither approach nor tilt into it.
             Other::Plane(plane) => {
-                tell(point_plane(&axis.from, plane), radius);
+                add(point_plane(&axis.from, plane), radius);
                 if axis.from != axis.to {
-                    tell(point_plane(&axis.to, plane), radius);
+                    add(point_plane(&axis.to, plane), radius);
                 }
             }
             Other::Cuboid(cuboid) => {
-                tell(segment_box(&axis, cuboid), radius);
+                add(segment_box(&axis, cuboid), radius);
                 for end in [axis.from, axis.to] {
-                    tell(segment_box(&Segment { from: end, to: end }, cuboid), radius);
+                    add(segment_box(&Segment { from: end, to: end }, cuboid), radius);
                 }
             }
             Other::Capsule(second) => {
-                tell(segment_segment(&axis, &kinematics.axis(second)), radius + second.radius);
+                add(segment_segment(&axis, &kinematics.axis(second)), radius + second.radius);
             }
         }
         nearest
@@ -239,7 +239,7 @@ fn can_meet<const J: usize>(
         let apart = found.distance - first.radius - second.radius;
         let [inner_m, outer_m] = [lever[0] * ranges[0][1], lever[1] * ranges[1][1]];
         let nearest = apart - inner_m - outer_m;
-        (apart, Open { nearest, ranges, inner: inner_m > outer_m })
+        (apart, OpenRanges { nearest, ranges, inner: inner_m > outer_m })
     };
     // Middle and half of each joint's range.
     let whole = joints.map(|joint| {
@@ -248,7 +248,9 @@ fn can_meet<const J: usize>(
     });
     let mut open = BinaryHeap::from([look(whole).1]);
     for _ in 0..LOOKS / 2 {
-        let Some(Open { ranges: [inner, outer], inner: halve_inner, .. }) = open.pop() else { return false };
+        let Some(OpenRanges { ranges: [inner, outer], inner: halve_inner, .. }) = open.pop() else {
+            return false;
+        };
         let halves = |[middle, half]: [f64; 2]| [-0.5, 0.5].map(|side| [middle + side * half, 0.5 * half]);
         let parts = if halve_inner {
             halves(inner).map(|inner| [inner, outer])
@@ -270,7 +272,7 @@ fn can_meet<const J: usize>(
 
 /// Ranges of two joints in which capsules may meet; that in which they may come nearest is the greatest.
 #[derive(Debug, PartialEq)]
-struct Open {
+struct OpenRanges {
     /// The least that they can be apart \[m\].
     nearest: f64,
     ranges: [[f64; 2]; 2],
@@ -278,15 +280,15 @@ struct Open {
     inner: bool,
 }
 
-impl Eq for Open {}
+impl Eq for OpenRanges {}
 
-impl Ord for Open {
+impl Ord for OpenRanges {
     fn cmp(&self, other: &Self) -> Ordering {
         other.nearest.total_cmp(&self.nearest)
     }
 }
 
-impl PartialOrd for Open {
+impl PartialOrd for OpenRanges {
     fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
         Some(self.cmp(other))
     }

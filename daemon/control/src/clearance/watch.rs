@@ -43,25 +43,25 @@ impl<const J: usize> Reach<J> {
 
 /// The distance of a pair when it was last measured \[m\], and where the arm was \[rad\].
 #[derive(Debug, Clone, Copy)]
-struct Seen<const J: usize> {
+struct PairDistance<const J: usize> {
     q: [f64; J],
     distance: f64,
 }
 
-state! { whole [const J: usize] Seen<J> { q, distance } }
+state! { whole [const J: usize] PairDistance<J> { q, distance } }
 
 /// What is remembered of all pairs, by the bodies that they are about.
 #[derive(Debug, Clone)]
-pub(super) struct Watch<const J: usize> {
-    groups: Box<[Group<J>]>,
+pub(super) struct PairWatch<const J: usize> {
+    groups: Box<[PairGroup<J>]>,
 }
 
-state! { [const J: usize] Watch<J> { groups } }
+state! { [const J: usize] PairWatch<J> { groups } }
 
 /// What is remembered of the pairs of two bodies, whose levers are much alike: one check covers nearly all.
 #[derive(Debug, Clone)]
-struct Group<const J: usize> {
-    seen: Vec<Seen<J>>,
+struct PairGroup<const J: usize> {
+    seen: Vec<PairDistance<J>>,
     /// Pairs that are checked in every tick, in order.
     near: Vec<usize>,
     /// All others, checked together: max over them of lever_j / (gap at `since`) \[1/rad\], and of span / gap
@@ -72,17 +72,17 @@ struct Group<const J: usize> {
     swept: bool,
 }
 
-state! { [const J: usize] Group<J> { seen, near, levers, span, since, swept } }
+state! { [const J: usize] PairGroup<J> { seen, near, levers, span, since, swept } }
 
 /// A pair stays among the far ones while the tick's motion uses no more than this fraction of its gap; the
 /// rest is for the motion until they are looked at again.
 const SHARE: f64 = 0.3;
 
-impl<const J: usize> Watch<J> {
+impl<const J: usize> PairWatch<J> {
     /// Nothing seen yet of `pairs`, of which those of two bodies stand together.
     pub(super) fn new(pairs: &[Pair<J>]) -> Self {
         let groups = pairs.chunk_by(|a, b| a.bodies() == b.bodies());
-        Self { groups: groups.map(|pairs| Group::new(pairs.len())).collect() }
+        Self { groups: groups.map(|pairs| PairGroup::new(pairs.len())).collect() }
     }
 
     /// Calls `measure` with every pair of those that it was made for, in order, that may have a row at `q`,
@@ -105,10 +105,10 @@ impl<const J: usize> Watch<J> {
     }
 }
 
-impl<const J: usize> Group<J> {
+impl<const J: usize> PairGroup<J> {
     fn new(count: usize) -> Self {
         Self {
-            seen: vec![Seen { q: [0.0; J], distance: f64::NEG_INFINITY }; count],
+            seen: vec![PairDistance { q: [0.0; J], distance: f64::NEG_INFINITY }; count],
             near: Vec::with_capacity(count),
             levers: [0.0; J],
             span: 0.0,
@@ -117,7 +117,7 @@ impl<const J: usize> Group<J> {
         }
     }
 
-    /// See [`Watch::look`].
+    /// See [`PairWatch::look`].
     fn look(
         &mut self,
         pairs: &[Pair<J>],
@@ -133,7 +133,7 @@ impl<const J: usize> Group<J> {
                     let wanted = dot_moved(&pair.levers, q, &seen.q, &reach.angle) + pair.span * reach.turn;
                     if !(wanted < seen.distance - margin - ROUNDING_M) {
                         let wanted = dot(&pair.levers, &reach.angle) + pair.span * reach.turn;
-                        *seen = Seen { q: *q, distance: measure(pair, wanted + ROUNDING_M) };
+                        *seen = PairDistance { q: *q, distance: measure(pair, wanted + ROUNDING_M) };
                     }
                 }
             }
@@ -143,12 +143,12 @@ impl<const J: usize> Group<J> {
         (self.levers, self.span, self.since, self.swept) = ([0.0; J], 0.0, *q, true);
         for (index, (pair, seen)) in pairs.iter().zip(&mut self.seen).enumerate() {
             let wanted = dot(&pair.levers, &reach.angle) + pair.span * reach.turn;
-            let gap = |seen: &Seen<J>| {
+            let gap = |seen: &PairDistance<J>| {
                 seen.distance - margin - ROUNDING_M - dot_moved(&pair.levers, q, &seen.q, &[0.0; J])
             };
             let mut left = gap(seen);
             if !(wanted < left * SHARE) {
-                *seen = Seen { q: *q, distance: measure(pair, wanted + ROUNDING_M) };
+                *seen = PairDistance { q: *q, distance: measure(pair, wanted + ROUNDING_M) };
                 left = gap(seen);
             }
             if wanted < left * SHARE {
@@ -218,7 +218,7 @@ mod tests {
 
     /// Pairs that are measured in one call, with the gap that was asked for.
     fn looked(
-        watch: &mut Watch<6>,
+        watch: &mut PairWatch<6>,
         pairs: &[Pair<6>],
         motion: &JointMotion<6>,
         allowed: &VelocityBox<6>,
@@ -241,7 +241,7 @@ mod tests {
             let (motion, allowed) = motion(&mut rng, speed);
             let needed: Vec<f64> = pairs.iter().map(|pair| wanted(pair, &motion, &allowed)).collect();
             for share in [0.0, 0.99, 1.01, 3.0, 9.0, 11.0, 1000.0] {
-                let mut watch = Watch::new(&pairs);
+                let mut watch = PairWatch::new(&pairs);
                 let distances: Vec<f64> = needed.iter().map(|needed| MARGIN_M + share * needed).collect();
                 let first = looked(&mut watch, &pairs, &motion, &allowed, &distances);
                 for (enough, needed) in first.iter().zip(&needed) {
@@ -265,7 +265,7 @@ mod tests {
     fn nothing_comes_near_unseen() {
         let (pairs, mut rng) = (all_pairs(), Pcg64::seed_from_u64(4));
         let base: Vec<f64> = pairs.iter().map(|_| rng.random_range(0.3..3.0)).collect();
-        let mut watch = Watch::new(&pairs);
+        let mut watch = PairWatch::new(&pairs);
         let (mut near, mut measured, mut all) = (0, 0, 0);
         let mut q = [0.0; 6];
         for tick in 0..5000 {
@@ -301,7 +301,7 @@ mod tests {
         let moved = [1.0; 6];
         let way = |pair: &Pair<6>| pair.levers.iter().sum::<f64>();
         for extra in [0.0, 1e-3] {
-            let mut watch = Watch::new(&pairs);
+            let mut watch = PairWatch::new(&pairs);
             let distances: Vec<f64> = pairs.iter().map(|pair| MARGIN_M + extra + way(pair)).collect();
             looked(&mut watch, &pairs, &motion, &allowed, &distances);
             let there = JointMotion { q: std::array::from_fn(|j| motion.q[j] + moved[j]), ..motion };

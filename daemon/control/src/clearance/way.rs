@@ -11,7 +11,7 @@
 //! nearer may come as near as that. *Source*: conservative advancement, Mirtich 1996, section 2.3.
 
 use crate::arm::chain::Chain;
-use crate::clearance::watch::Watch;
+use crate::clearance::watch::PairWatch;
 use crate::clearance::{Clearance, Kinematics};
 use crate::state::state;
 
@@ -37,7 +37,7 @@ pub struct Obstructed {
 
 /// Result of one check along a path.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Looked {
+pub enum WayCheck {
     /// Clear so far; more points to check.
     SoFar,
     /// The whole path is clear.
@@ -93,7 +93,7 @@ impl<const J: usize> Way<J> {
 
 impl<const J: usize> Clearance<J> {
     /// Checks one more point of `way`. `chain` is the one that this clearance was made for.
-    pub fn look_along(&self, chain: &Chain<J>, way: &mut Way<J>) -> Looked {
+    pub fn look_along(&self, chain: &Chain<J>, way: &mut Way<J>) -> WayCheck {
         if !way.end_seen {
             return self.look_at_end(chain, way);
         }
@@ -120,25 +120,25 @@ impl<const J: usize> Clearance<J> {
             }
         }
         if let Some((_, obstructed)) = nearest {
-            return Looked::Blocked(obstructed);
+            return WayCheck::Blocked(obstructed);
         }
         if way.share >= 1.0 {
-            return Looked::Clear;
+            return WayCheck::Clear;
         }
         let shortest = if farthest_m > 0.0 { STEP_M / farthest_m } else { 1.0 };
         way.share = (way.share + next.max(shortest).max(1.0 / LOOKS)).min(1.0);
-        Looked::SoFar
+        WayCheck::SoFar
     }
 
     /// An end that keeps the margin is allowed, even without the addition.
-    fn look_at_end(&self, chain: &Chain<J>, way: &mut Way<J>) -> Looked {
+    fn look_at_end(&self, chain: &Chain<J>, way: &mut Way<J>) -> WayCheck {
         let kinematics = chain.forward(&way.at(1.0));
         for (pair, least) in self.pairs.iter().zip(&mut way.least) {
             let distance_m = pair.separations(&kinematics, |_| {});
             *least = (distance_m - ROUNDING_M).clamp(self.margin - ROUNDING_M, self.margin + MORE_M);
         }
         way.end_seen = true;
-        Looked::SoFar
+        WayCheck::SoFar
     }
 
     /// The same clearance, with gaps closing at `share` of the rate at most.
@@ -146,7 +146,7 @@ impl<const J: usize> Clearance<J> {
     pub fn damped(mut self, share: f64) -> Self {
         self.rate *= share;
         // A clone's list has no spare capacity.
-        self.watch = Watch::new(&self.pairs);
+        self.watch = PairWatch::new(&self.pairs);
         self
     }
 

@@ -17,14 +17,14 @@ pub(super) type Terms = SVector<f64, TERMS>;
 
 /// Weights and their covariance.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Fit {
+pub(super) struct TorqueFit {
     weights: Terms,
     covariance: SMatrix<f64, TERMS, TERMS>,
 }
 
-state! { whole [] Fit { weights, covariance } }
+state! { whole [] TorqueFit { weights, covariance } }
 
-impl Fit {
+impl TorqueFit {
     /// The prior: the torque of the links alone, each weight with a standard deviation of `spread`.
     pub(super) fn prior(spread: &Terms) -> Self {
         let mut weights = Terms::zeros();

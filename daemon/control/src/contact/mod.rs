@@ -5,11 +5,13 @@
 //! that reports no effort and for a description without masses. Never a safety function: a learned
 //! expectation has no guarantee, and a contact that began before it was learned is part of it.
 //!
-//! The expectation is learned while the tool is told to be lifted, moves, and shows no excess; it
+//! The expectation is learned while the tool is commanded to be lifted, moves, and shows no excess; it
 //! survives stops. After each arming it counts once it was confirmed by motion for
 //! [`ContactSettings::learn_ns`]. Its own uncertainty widens the limit, as does the friction of a joint that
 //! hardly moves, which may hold anything up to that. Excesses are summed as in Page's test (1954, *Continuous
 //! inspection schemes*, CUSUM): a light one must last, a heavy one need not.
+
+#![expect(clippy::indexing_slicing, reason = "indices run over the joints, the length of every array")]
 
 mod expected;
 mod fit;
@@ -17,8 +19,8 @@ mod settings;
 
 pub use settings::{ContactSettings, EffortReading, EffortUnit};
 
-use expected::Expected;
-use fit::{Fit, Terms};
+use expected::ExpectedJoints;
+use fit::{Terms, TorqueFit};
 
 use crate::arm::{Chain, Dynamics, Payload};
 use crate::state::state;
@@ -31,7 +33,7 @@ const SMOOTH_S: f64 = 0.03;
 const SLIDES_RADPS: f64 = 0.02;
 /// An arm slower than this in all joints shows nothing to learn \[rad/s\].
 const MOVES_RADPS: f64 = 0.05;
-/// The tool counts as free this long after it was told to lift \[s\].
+/// The tool counts as free this long after it was commanded to lift \[s\].
 const FREE_S: f64 = 0.15;
 /// Evidence fades with this time constant of motion \[s\].
 const MEMORY_S: f64 = 120.0;
@@ -41,14 +43,14 @@ const INDEPENDENT_S: f64 = 0.06;
 const NOISE_SHARE: f64 = 0.03;
 /// Standard deviations of the expectation that widen the limit.
 const UNCERTAIN: f64 = 2.0;
-/// A longer gap between joint states begins anew \[s\].
+/// A longer gap between joint states begins again \[s\].
 const GAP_S: f64 = 0.1;
 /// Gain of an arm that reports currents, until it is learned \[A/Nm\]: that of a UR's joints is 0.07 to 0.12.
 const AMPERES_PER_NM: f64 = 0.1;
 
 /// What the judgement needs of the arm.
 #[derive(Debug, Clone)]
-struct Body<const J: usize> {
+struct TorqueModel<const J: usize> {
     links: Dynamics<J>,
     /// One more kilogram where the payload is.
     kilogram: Dynamics<J>,
@@ -60,12 +62,12 @@ struct Body<const J: usize> {
 #[derive(Debug, Clone)]
 pub struct Contact<const J: usize> {
     settings: ContactSettings,
-    body: Option<Body<J>>,
-    expected: Expected<J>,
-    fits: [Fit; J],
+    body: Option<TorqueModel<J>>,
+    expected: ExpectedJoints<J>,
+    fits: [TorqueFit; J],
     /// The unit of what was learned.
     unit: EffortUnit,
-    /// The newest joint state that was used; `None`: what is smoothed begins anew.
+    /// The newest joint state that was used; `None`: what is smoothed begins again.
     newest: Option<Stamp>,
     terms: [Terms; J],
     /// Reported, in \[Nm\] by the unit's prior.
@@ -90,7 +92,7 @@ impl<const J: usize> Contact<J> {
     #[must_use]
     pub fn new(settings: ContactSettings, chain: &Chain<J>, payload: &Payload) -> Self {
         let links = chain.dynamics(payload).ok().filter(|_| settings.judged);
-        let body = links.map(|links| Body {
+        let body = links.map(|links| TorqueModel {
             links,
             kilogram: chain.payload_dynamics(&Payload { mass: 1.0, ..*payload }),
             effort: chain.limits().effort,
@@ -100,8 +102,8 @@ impl<const J: usize> Contact<J> {
         Self {
             settings,
             body,
-            expected: Expected::new(),
-            fits: effort.map(|effort| Fit::prior(&spread(unit, effort))),
+            expected: ExpectedJoints::new(),
+            fits: effort.map(|effort| TorqueFit::prior(&spread(unit, effort))),
             unit,
             newest: None,
             terms: [Terms::zeros(); J],
@@ -156,7 +158,7 @@ impl<const J: usize> Contact<J> {
         }
         let motion = self.expected.at(reading.stamp)?;
         if reading.unit != self.unit {
-            let priors = body.effort.map(|effort| Fit::prior(&spread(reading.unit, effort)));
+            let priors = body.effort.map(|effort| TorqueFit::prior(&spread(reading.unit, effort)));
             (self.unit, self.fits, self.learned_s) = (reading.unit, priors, 0.0);
             self.newest = None;
         }
@@ -171,14 +173,13 @@ impl<const J: usize> Contact<J> {
         // Without a past the smoothed values begin at the newest.
         let share = dt.map_or(1.0, |dt| 1.0 - (-dt / SMOOTH_S).exp());
         let dt = dt.unwrap_or(0.0);
-        let slots = self.terms.iter_mut().zip(&mut self.reported);
-        let torques = links.iter().zip(&kilogram).zip(&motion.qd);
-        let efforts = reading.effort.iter().zip(&body.effort);
-        for (((terms, reported), ((links, kilogram), qd)), (effort, limit)) in slots.zip(torques).zip(efforts)
-        {
+        for j in 0..J {
+            let qd = motion.qd[j];
             let way = (qd / SLIDES_RADPS).clamp(-1.0, 1.0);
-            *terms += (Terms::new(*links, *kilogram, way, *qd, 1.0) - *terms) * share;
-            *reported += (effort / per_nm(reading.unit, *limit) - *reported) * share;
+            let terms = Terms::new(links[j], kilogram[j], way, qd, 1.0);
+            let torque = reading.effort[j] / per_nm(reading.unit, body.effort[j]);
+            self.terms[j] += (terms - self.terms[j]) * share;
+            self.reported[j] += (torque - self.reported[j]) * share;
         }
         self.lifted_s = if motion.free { self.lifted_s + dt } else { 0.0 };
         let learns = self.lifted_s >= FREE_S && motion.qd.iter().any(|qd| qd.abs() > MOVES_RADPS);
@@ -193,28 +194,27 @@ impl<const J: usize> Contact<J> {
         let hold_s = hold_ns as f64 * 1e-9;
         let mut worst: Option<(f64, StopDetail)> = None;
         let mut calm = true;
-        let joints = self.fits.iter().zip(&self.terms).zip(&self.reported);
-        for (index, ((((fit, terms), reported), effort), sum)) in
-            joints.zip(&body.effort).zip(&mut self.sums).enumerate()
-        {
+        for j in 0..J {
+            let (fit, terms, sum) = (&self.fits[j], &self.terms[j], &mut self.sums[j]);
             let held = fit.friction() * (1.0 - terms.z.abs()).max(0.0);
-            let limit = torque_share * effort + (held + UNCERTAIN * fit.uncertain(terms)) / fit.gain();
-            let excess = (reported - fit.expected(terms)).abs() / fit.gain();
+            let limit =
+                torque_share * body.effort[j] + (held + UNCERTAIN * fit.uncertain(terms)) / fit.gain();
+            let excess = (self.reported[j] - fit.expected(terms)).abs() / fit.gain();
             calm &= excess <= limit;
             *sum = if judges { (*sum + (excess / limit - 1.0) * dt).max(0.0) } else { 0.0 };
             if *sum > hold_s && worst.is_none_or(|(most, _)| *sum > most) {
-                let (cause, joint) = (StopCause::Effort, u8::try_from(index).ok());
+                let (cause, joint) = (StopCause::Effort, u8::try_from(j).ok());
                 worst =
                     Some((*sum, StopDetail { cause, joint, amount: excess, limit, ..StopDetail::default() }));
             }
         }
-        if learns && calm {
+        if learns && calm && dt > 0.0 {
             self.learned_s += dt;
             let kept = (-dt / MEMORY_S).exp();
-            let joints = self.fits.iter_mut().zip(&self.terms).zip(&self.reported).zip(&body.effort);
-            for (((fit, terms), reported), effort) in joints.filter(|_| dt > 0.0) {
-                let noise = NOISE_SHARE * effort * (INDEPENDENT_S / dt).max(1.0).sqrt();
-                fit.learn(terms, *reported, noise, kept, &spread(self.unit, *effort));
+            for j in 0..J {
+                let noise = NOISE_SHARE * body.effort[j] * (INDEPENDENT_S / dt).max(1.0).sqrt();
+                let spread = spread(self.unit, body.effort[j]);
+                self.fits[j].learn(&self.terms[j], self.reported[j], noise, kept, &spread);
             }
         }
         worst.map(|(_, detail)| detail)

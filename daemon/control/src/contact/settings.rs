@@ -24,7 +24,7 @@ pub struct EffortReading<const J: usize> {
     pub stamp: Stamp,
     /// Of every joint, positive along its axis.
     pub effort: [f64; J],
-    /// Of these numbers.
+    /// Unit of all these numbers.
     pub unit: EffortUnit,
 }
 

@@ -11,11 +11,11 @@ const ROUNDING: f64 = 1e-6;
 /// How far outside the envelope the tool may be because it was when it was armed; never grows.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Allowed {
-    place: [f64; 3],
+    position: [f64; 3],
     tilt: f64,
 }
 
-state! { [] Allowed { place, tilt } }
+state! { [] Allowed { position, tilt } }
 
 /// Tool position, tilt and speed of one command.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -37,14 +37,14 @@ impl<const J: usize> Envelope<J> {
     }
 
     fn beyond(&self, figures: &EnvelopeFigures) -> Allowed {
-        let mut place = [0.0; 3];
-        for ((beyond, at), [low, high]) in place.iter_mut().zip(figures.tool).zip(self.outer) {
+        let mut position = [0.0; 3];
+        for ((beyond, at), [low, high]) in position.iter_mut().zip(figures.tool).zip(self.outer) {
             *beyond = (low - at).max(at - high).max(0.0);
         }
-        Allowed { place, tilt: (figures.tilt - self.tilt - TILT_MARGIN_RAD).max(0.0) }
+        Allowed { position, tilt: (figures.tilt - self.tilt - TILT_MARGIN_RAD).max(0.0) }
     }
 
-    /// Begins anew where the arm stands; a tool that is outside may come in.
+    /// Begins again where the arm stands; a tool that is outside may come in.
     pub fn begin(&mut self, kinematics: &Kinematics<J>) {
         self.allowed = self.beyond(&self.figures(kinematics, 0.0));
     }
@@ -56,7 +56,8 @@ impl<const J: usize> Envelope<J> {
         let detail = |cause, amount, limit| {
             Some(StopDetail { cause, joint: None, amount, limit, at: Default::default() })
         };
-        let axes = beyond.place.iter().zip(&mut self.allowed.place).zip(figures.tool.iter().zip(&self.outer));
+        let axes =
+            beyond.position.iter().zip(&mut self.allowed.position).zip(figures.tool.iter().zip(&self.outer));
         let mut found = None;
         for (axis, ((beyond, allowed), (at, [low, high]))) in axes.enumerate() {
             if !(*beyond <= *allowed + ROUNDING) && found.is_none() {

@@ -8,7 +8,7 @@
 //! with half of the deceleration that the joint limits give there, ½ Σ_j |nᵀJ_j| a_j (half, because several
 //! bounds may be active and the Jacobian changes meanwhile). Joint limits are the QP's box and hard;
 //! clearance rows have the higher price, then the envelope, then the task. Outside a bound, rows only forbid
-//! moving farther out. A loop that lost periods lately has the same rows for the place where the joints come
+//! moving farther out. A loop that lost periods lately has the same rows for the point where the joints come
 //! to rest by themselves if no further command comes, and for where the tool turns back on the way there.
 //! After the command is made, its forward kinematics are judged: beyond the margin and farther out than
 //! before, the loop latches a stop.

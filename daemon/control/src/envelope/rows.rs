@@ -7,7 +7,7 @@ use crate::arm::Kinematics;
 use crate::arm::limits::{JointLimits, JointMotion, VelocityBox, viable_velocity};
 use crate::arm::silence::Silence;
 use crate::mpc::AxisLimits;
-use crate::qp::offered::Offered;
+use crate::qp::offered::OfferedRows;
 use crate::units::AxisState;
 
 /// Price of an envelope row relative to a clearance row.
@@ -45,7 +45,7 @@ impl Side {
 }
 
 /// The bounds along one direction: an axis of the plane, or the tilt.
-struct Way<const J: usize> {
+struct BoundDirection<const J: usize> {
     /// Velocity along it is row · q̇ \[m/rad or 1\].
     row: [f64; J],
     /// Added to it by the curvature of the motion within the step \[m/s\].
@@ -91,7 +91,7 @@ impl<const J: usize> Envelope<J> {
         wanted: &[f64; J],
         allowed: &VelocityBox<J>,
         elapsed: f64,
-        offered: &mut Offered<J>,
+        offered: &mut OfferedRows<J>,
     ) {
         let bending = kinematics.jacobian_dot_qd(&motion.qd) * (0.5 * elapsed);
         for way in self.ways(kinematics, &bending, &self.inner, self.tilt) {
@@ -120,25 +120,25 @@ impl<const J: usize> Envelope<J> {
         bending: &Vector6<f64>,
         bounds: &[[f64; 2]; 3],
         most: f64,
-    ) -> [Way<J>; 4] {
+    ) -> [BoundDirection<J>; 4] {
         let linear: Vector3<f64> = bending.fixed_rows::<3>(0).into_owned();
         let tool = self.plane.point_from_base(&kinematics.position);
         let axes = self.plane.rotation.matrix();
         let along = |axis: usize, at: f64, [low, high]: [f64; 2]| {
             let column = axes.column(axis);
             let [row] = kinematics.jacobian.fixed_rows::<3>(0).tr_mul(&column).data.0;
-            Way { row, bent: linear.dot(&column), room: [at - low, high - at] }
+            BoundDirection { row, bent: linear.dot(&column), room: [at - low, high - at] }
         };
         let [x, y, z] = *bounds;
         let (tilt, about) = self.tilted(kinematics);
         let [row] = kinematics.jacobian.fixed_rows::<3>(3).tr_mul(&about).data.0;
         let bent = bending.fixed_rows::<3>(3).dot(&about);
-        let tilt = Way { row, bent, room: [f64::INFINITY, most - tilt] };
+        let tilt = BoundDirection { row, bent, room: [f64::INFINITY, most - tilt] };
         [along(0, tool.x, x), along(1, tool.y, y), along(2, tool.z, z), tilt]
     }
 
-    /// Calls `see` with rows c and bounds b \[m/s\] such that c·q̇ ≤ b keeps the place inside where the arm
-    /// comes to rest if the next command is the last one for long, and the place where it turns back on the
+    /// Calls `see` with rows c and bounds b \[m/s\] such that c·q̇ ≤ b keeps the point inside where the arm
+    /// comes to rest if the next command is the last one for long, and the point where it turns back on the
     /// way there, or lets them lie no farther out than the tool is. Every joint brakes by itself then, which
     /// is not straight for the tool.
     fn silent_ways(
@@ -152,7 +152,7 @@ impl<const J: usize> Envelope<J> {
         let most = self.tilt + SILENT_TILT * TILT_MARGIN_RAD;
         let ways = |at: &Kinematics<J>| self.ways(at, &Vector6::zeros(), &self.inner, most);
         let silent = |braked| Silence::braking(&self.chain, &self.limits, motion, elapsed + gap_s, braked);
-        let mut keep = |at: &Silence<J>, way: &Way<J>, here: &Way<J>, side: Side| {
+        let mut keep = |at: &Silence<J>, way: &BoundDirection<J>, here: &BoundDirection<J>, side: Side| {
             let mut row = way.row.map(|c| side.sign() * c);
             row.iter_mut().zip(&at.gain).for_each(|(c, gain)| *c *= gain * self.rate);
             let now = dot(&row, &motion.qd);
@@ -173,7 +173,7 @@ impl<const J: usize> Envelope<J> {
     }
 
     /// See [`fastest_stoppable`].
-    fn fastest(&self, way: &Way<J>, motion: &JointMotion<J>, elapsed: f64, side: Side) -> f64 {
+    fn fastest(&self, way: &BoundDirection<J>, motion: &JointMotion<J>, elapsed: f64, side: Side) -> f64 {
         fastest_stoppable(&self.limits, &way.row, motion, side.of(way.room), elapsed, side.sign())
     }
 }
@@ -300,7 +300,7 @@ mod tests {
                         // Joint 0 moves along the row at `now`.
                         let motion =
                             JointMotion { qd: [sign * now / ROW[0], 0.0], ..JointMotion::at_rest([0.0; 2]) };
-                        let way = Way { row: ROW, bent: 0.0, room: [room, room] };
+                        let way = BoundDirection { row: ROW, bent: 0.0, room: [room, room] };
                         let side = if sign < 0.0 { Side::Below } else { Side::Above };
                         let v = envelope.fastest(&way, &motion, elapsed, side);
                         let far = farthest_m(v, now, elapsed);
@@ -318,7 +318,7 @@ mod tests {
         let (envelope, still) = (envelope(None), JointMotion::at_rest([0.0; 2]));
         for room in [1e-4, 0.003, 0.1] {
             let fastest = |room: f64| {
-                let way = Way { row: ROW, bent: 0.0, room: [0.0, room] };
+                let way = BoundDirection { row: ROW, bent: 0.0, room: [0.0, room] };
                 envelope.fastest(&way, &still, 0.008, Side::Above)
             };
             let v = fastest(room);

@@ -17,13 +17,13 @@ pub struct EnvelopeSettings {
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
 #[error("{name} = {value} {unit} of the tool's envelope is outside {low} to {high} {unit}")]
 pub struct EnvelopeError {
-    /// Which.
+    /// Name of the number, as in the message.
     pub name: &'static str,
-    /// As given.
+    /// The refused value, as it was given.
     pub value: f64,
-    /// Lower bound.
+    /// Smallest value that is legal, itself included.
     pub low: f64,
-    /// Upper bound.
+    /// Largest value that is legal, itself included.
     pub high: f64,
     /// Unit of all three.
     pub unit: &'static str,

@@ -1,45 +1,35 @@
 //! What the loop does at the events of the way home.
 
-use super::Follower;
 use super::io::Refusal;
 use super::motion::HomeNews;
 use super::request::WayBlocked;
+use super::watch::ModeWatch;
 use crate::clearance::Obstructed;
 use crate::stop::{StopCause, StopDetail, StopReason};
 use crate::units::Stamp;
 
-impl<const N: usize, const J: usize> Follower<N, J> {
-    /// Lets go of an arm that is at home or cannot be moved there, and stops one that is held up. Returns
-    /// whether the way is clear, in the tick in which that is decided.
-    pub(super) fn record_outcome_of_home(
-        &mut self,
-        now: Stamp,
-        news: &HomeNews,
-    ) -> Option<Result<(), Refusal>> {
+impl<const J: usize> ModeWatch<J> {
+    /// Gives back an arm that is at home or cannot be moved there, and stops one that is held up. Returns
+    /// whether the way is clear, in the tick in which that is decided, and whether the arm is given back.
+    pub(super) fn record_home(&mut self, now: Stamp, news: &HomeNews) -> (Option<Result<(), Refusal>>, bool) {
         match news {
-            HomeNews::None => None,
-            HomeNews::Clear => Some(Ok(())),
+            HomeNews::None => (None, false),
+            HomeNews::Clear => (Some(Ok(())), false),
             HomeNews::Arrived => {
                 self.leave();
-                None
+                (None, true)
             }
             HomeNews::Blocked(by) => {
                 self.leave();
-                Some(Err(Refusal::WayBlocked(whole(by))))
+                (Some(Err(Refusal::WayBlocked(whole(by)))), true)
             }
             HomeNews::HeldUp(by) => {
-                let limit = self.settings.clearance.as_ref().map_or(0.0, |clearance| clearance.margin_m);
-                let (cause, amount) = (StopCause::Clearance, by.distance_m);
+                let (cause, amount, limit) = (StopCause::Clearance, by.distance_m, self.margin_m);
                 let detail = StopDetail { cause, joint: None, amount, limit, ..StopDetail::default() };
-                self.watch.latch_with(now, StopReason::WayBlocked, detail);
-                None
+                self.latch_with(now, StopReason::WayBlocked, detail);
+                (None, false)
             }
         }
-    }
-
-    fn leave(&mut self) {
-        self.watch.leave();
-        self.mover.let_go();
     }
 }
 

@@ -50,7 +50,7 @@ pub enum Mode {
     Idle,
     /// In charge, standing still, waiting for the pen.
     Armed,
-    /// Following the pen.
+    /// Following the pen, as it is trusted.
     Following,
     /// The pen is silent: at rest at its last position.
     Holding,
@@ -74,7 +74,7 @@ pub enum Rung {
     PreviousPlan,
     /// Jerk-limited stop in joint space.
     Stop,
-    /// Standing still.
+    /// Standing still: the same joints again.
     Hold,
 }
 
@@ -87,11 +87,11 @@ impl Health {
     pub const PEN_STALE: u32 = 1;
     /// A pen sample was rejected.
     pub const PEN_REJECTED: u32 = 1 << 1;
-    /// The pen jumped.
+    /// The pen jumped: history begins again.
     pub const PEN_JUMP: u32 = 1 << 2;
     /// The predictor's output was not finite or had to be bounded.
     pub const PREDICTOR_INVALID: u32 = 1 << 3;
-    /// Weights were refused.
+    /// Weights of the learner were refused.
     pub const WEIGHTS_REFUSED: u32 = 1 << 4;
     /// The MPC had no certified solution.
     pub const MPC_FAILED: u32 = 1 << 5;
@@ -151,11 +151,11 @@ impl Default for Budget {
 pub enum Stage {
     /// Requests, joint states, pen samples onto the grid.
     Pen,
-    /// Trust and preview.
+    /// Prediction, estimate and trust.
     Predict,
-    /// Reference and plan.
+    /// Reference and plan of this tick.
     Mpc,
-    /// Inverse kinematics.
+    /// Inverse kinematics, with all its rows.
     Ik,
     /// Guard and record keeping.
     Guard,
@@ -267,11 +267,11 @@ pub struct StepOutput<const J: usize> {
     pub way: Option<Result<(), Refusal>>,
     /// Which fallback made the command.
     pub rung: Rung,
-    /// What degraded.
+    /// What degraded in this tick, as bits.
     pub health: Health,
     /// Trust used, where it is heading, and why.
     pub trust: TrustReport,
-    /// Predictor in use.
+    /// Predictor that made the preview.
     pub predictor: PredictorKind,
     /// Version of the weights in use (0: those it started with).
     pub weights_version: u64,
@@ -342,7 +342,7 @@ impl PreviewPath {
         path
     }
 
-    /// Its points.
+    /// Its points, from soon to late.
     #[must_use]
     pub fn points(&self) -> &[[f32; 2]] {
         self.points.get(..self.count).unwrap_or_default()

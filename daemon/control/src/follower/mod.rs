@@ -9,20 +9,19 @@
 //! joints for `now` + dt with the mean velocity over that period, so that a consumer which follows q + q̇·(t
 //! − stamp) moves on straight segments from command to command.
 
-mod aim;
-mod answer;
-mod foresee;
-mod home;
-mod intake;
 mod io;
-mod motion;
-mod plans;
-mod report;
-mod request;
 mod settings;
-mod stock;
-mod tracking;
+mod request;
 mod watch;
+mod monitor;
+mod home;
+mod answer;
+mod pen;
+mod predict;
+mod plans;
+mod trust;
+mod motion;
+mod report;
 
 use crate::state::state;
 pub use io::{
@@ -30,60 +29,42 @@ pub use io::{
     NoClock, PATH_POINTS, PreviewPath, Refusal, Request, Rung, Stage, StageClock, StepInput, StepOutput,
 };
 pub use request::WayBlocked;
-pub use settings::{FollowerError, FollowerSettings, SafetySettings, Would};
+pub use settings::{FollowerError, FollowerSettings, RestRemedy, SafetySettings};
 
-use foresee::Left;
-use motion::{Mover, Wanted};
-use plans::Plans;
-use report::Outcomes;
-use watch::Watch;
+use answer::answer;
+use monitor::ArmMonitor;
+use motion::{MotionGoal, Mover};
+use pen::PenIntake;
+use predict::Prediction;
+use report::TickReport;
+use trust::{Evidence, TrustStage};
+use watch::ModeWatch;
 
-use crate::arm::lag::{Aim, DeadTime, LagEstimator};
-use crate::contact::Contact;
-use crate::monitor::Monitor;
-use crate::pen::{PenTracker, Silence};
-use crate::predict::refine::{Preview, Refiner};
-use crate::predict::{OnlineWeights, Oracle, PredictorKind, Previewer};
+use crate::estimate::Estimate;
+use crate::estimate::refine::RefinedPreview;
+use crate::predict::{OnlineWeights, Oracle, Previewer};
 use crate::reference::Reference;
-use crate::skill::Skill;
-use crate::trust::{Outcome, TrustControl, TrustRequest};
 use crate::units::Stamp;
 
-/// The control law of one arm: horizon of `N` steps, `J` joints.
+/// The control law of one arm: horizon of `N` steps, `J` joints. Its fields are the stages of a tick, in
+/// their order; `preview` is what prediction, estimate and reference hand on.
 #[derive(Debug)]
 pub struct Follower<const N: usize, const J: usize> {
     settings: FollowerSettings<J>,
-    watch: Watch<J>,
-    pen: PenTracker,
-    silence: Silence,
-    previewer: Previewer,
-    preview: Preview,
-    refiner: Box<Refiner>,
-    pending_predictor: Option<PredictorKind>,
-    skill: Box<Skill>,
-    /// What the last tick left for the skill to judge.
-    left: Left,
+    watch: ModeWatch<J>,
+    monitor: ArmMonitor<J>,
+    pen: PenIntake,
+    prediction: Prediction,
+    preview: RefinedPreview,
+    estimate: Estimate,
+    trust: TrustStage,
     reference: Reference,
-    trust: TrustControl,
-    trust_request: TrustRequest,
-    plans: Plans,
-    /// See [`crate::trust::TrustInputs::overtaxed`].
-    overtaxed: Option<bool>,
-    outcome: Box<Outcome>,
-    /// How long the learner is not trusted after one of its sets was refused \[ns\]; by then the record
-    /// judges the set in force.
-    learner_doubt_ns: u64,
-    lag: Box<LagEstimator<J>>,
-    dead_time: DeadTime,
-    monitor: Box<Monitor<J>>,
-    contact: Box<Contact<J>>,
     mover: Mover<N, J>,
 }
 
 state! {
     [const N: usize, const J: usize] Follower<N, J> {
-        watch, pen, silence, previewer, preview, refiner, pending_predictor, skill, left, trust,
-        trust_request, plans, overtaxed, outcome, learner_doubt_ns, lag, dead_time, monitor, contact, mover,
+        watch, monitor, pen, prediction, preview, estimate, trust, mover,
     }
     fixed { settings, reference }
 }
@@ -96,41 +77,29 @@ impl<const N: usize, const J: usize> Follower<N, J> {
     /// Settings that are illegal or do not fit together, each with value and legal range.
     pub fn new(settings: FollowerSettings<J>) -> Result<Self, FollowerError> {
         let steps = settings.preview_steps(N)?;
-        let step_ns = settings.pen.step_ns;
         let mut mover = Mover::new(&settings)?;
         let feedback_lag_s = mover.feedback_lag_s();
-        let skill = Skill::tuned(step_ns as f64 * 1e-9, settings.trust.per_step, settings.skill);
-        let aim = if settings.servo_ns() > 0 { Aim::GroupDelay } else { Aim::Shift };
+        let (step_ns, plan_step_s) = (settings.pen.step_ns, settings.mpc.step_s);
         Ok(Self {
-            watch: Watch::new(settings.safety),
-            pen: PenTracker::new(settings.pen)?,
-            silence: Silence::new(step_ns),
-            previewer: Previewer::new(settings.preview, &settings.models, &settings.weights)?,
-            preview: Preview::new(step_ns, steps),
-            refiner: Box::new(Refiner::tuned(step_ns as f64 * 1e-9, settings.refine)),
-            pending_predictor: None,
-            skill: Box::new(skill.beside_feedback(feedback_lag_s)),
-            left: Left::default(),
-            reference: Reference::leading(step_ns, settings.velocity_lead_ns),
-            trust: TrustControl::new(settings.trust)?,
-            trust_request: settings.trust_request,
-            plans: Plans::new(settings.period_ns, &settings.trust.parameters),
-            overtaxed: None,
-            // The tool is the command's; a plan that models the servo puts that ahead of the arm.
-            outcome: Box::new(Outcome::new(
-                settings.period_ns,
-                feedback_lag_s - settings.mpc.servo_s,
-                &settings.trust.parameters,
-            )),
-            learner_doubt_ns: 0,
-            lag: Box::new(LagEstimator::new()),
-            dead_time: DeadTime::new(settings.dead_time_ns, settings.following).aiming_at(aim),
-            monitor: Monitor::boxed(
-                settings.safety.tracking,
-                settings.longest_lag_ns(),
-                *settings.limits.velocity(),
+            watch: ModeWatch::new(&settings),
+            monitor: ArmMonitor::new(&settings),
+            pen: PenIntake::new(&settings)?,
+            prediction: Prediction::new(Previewer::new(
+                settings.preview,
+                &settings.models,
+                &settings.weights,
+            )?),
+            preview: RefinedPreview::new(step_ns, steps),
+            estimate: Estimate::new(
+                step_ns,
+                settings.trust.per_step,
+                settings.trust.parameters.leads_judged,
+                feedback_lag_s,
+                settings.skill,
+                settings.refine,
             ),
-            contact: Contact::boxed(settings.safety.contact, &settings.chain, &settings.payload),
+            trust: TrustStage::new(&settings, feedback_lag_s)?,
+            reference: Reference::leading(step_ns, settings.velocity_lead_ns, plan_step_s),
             mover,
             settings,
         })
@@ -138,9 +107,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
 
     /// Gives the recorded future to the oracle and makes it the predictor (experiments only).
     pub fn use_oracle(&mut self, oracle: Oracle) {
-        self.previewer.load_recording(oracle);
-        // The recording was just loaded, the only thing `choose` can miss.
-        let _ = self.previewer.choose(PredictorKind::ORACLE);
+        self.prediction.use_oracle(oracle);
     }
 
     /// The settings it was built from.
@@ -153,7 +120,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
     #[must_use]
     pub fn weights(&self) -> OnlineWeights {
         let mut weights = self.settings.weights;
-        self.previewer.tell_weights(&mut weights);
+        self.prediction.previewer().tell_weights(&mut weights);
         weights
     }
 
@@ -166,12 +133,11 @@ impl<const N: usize, const J: usize> Follower<N, J> {
     pub(crate) fn take_over(&mut self, now: Stamp, q: &[f64; J]) -> Result<(), Refusal> {
         self.mover.seed(now, q)?;
         self.monitor.begin(now);
-        self.contact.begin();
         self.watch.arm(now);
         Ok(())
     }
 
-    /// One tick. The caller decides `budget` from its own clock; `clock` is told when a stage ends.
+    /// One tick. The caller decides `budget` from its own clock; `clock` hears when a stage ends.
     ///
     /// The stages stand in the order in which they run, which is the order of the data. What a stage needs of
     /// a later one is that stage's result of the tick before.
@@ -181,41 +147,61 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         budget: Budget,
         clock: &mut impl StageClock,
     ) -> StepOutput<J> {
-        let now = input.now;
-        let mut health = Health::default();
+        let (now, mut health) = (input.now, Health::default());
 
-        // Watch and monitor: what arrived, whether the arm is where it was told to be, what the operator
+        // Watch and monitor: what arrived, whether the arm is where it was commanded to be, what the operator
         // wants.
-        let seen = self.take_in(input, &mut health);
+        let gap = self.mover.begin(now, input.unsent, &mut health);
+        let joints = self.watch.observe(input, gap.lost_ns, &mut health);
+        self.monitor.catch_up(&gap);
+        let stop = self.monitor.observe(joints, input.effort, self.watch.engaged());
+        self.watch.latch_found(now, stop);
+        let Self { watch, monitor, prediction, trust, mover, .. } = self;
+        let request = input.request;
+        let answer = request.map(|asked| answer(now, asked, watch, monitor, prediction, trust, mover));
+        self.watch.check(now, &mut health);
+
         // Pen: samples onto the grid.
-        let pen = self.read_pen(now, input.pen, &mut health);
+        let pen = self.pen.read(now, input.pen, &mut health);
+        self.watch.observe_pen(pen.age_ns);
+        let closed = self.prediction.observe(pen.steps(), &self.preview, &mut health);
         clock.lap(Stage::Pen);
 
-        // Skill: how good past previews were.
-        self.judge_past_previews(&pen);
         // Predict, with the weights that the learner promoted and the predictor that the operator chose.
-        self.adopt(input.weights, &mut health);
-        let switched = self.switch();
-        if pen.count > 0 || input.weights.is_some() || switched {
-            self.predict(&pen);
-        }
-        // Refine by samples newer than the grid, as far as past previews justify.
-        let skill = self.skill();
-        self.refine(&skill, &mut health);
+        let ahead = self.settings.lookahead(N, self.monitor.dead_time_ns());
+        let (fresh, alpha) = (closed.count > 0, self.trust.alpha());
+        let predicted =
+            self.prediction.update(&mut self.preview, fresh, input.weights, alpha, ahead.steps, &mut health);
+        // Estimate: what past previews were worth, and what the newest sample changes in this one.
+        let worth =
+            self.estimate.update(closed.steps(), predicted.switched, &self.preview, ahead.nearest_lead);
+        let shares = self.trust.per_step().then(|| worth.believed());
+        self.estimate.refine(&mut self.preview, pen.newest.as_ref(), shares.as_ref());
         // Trust: how much of the preview to use.
-        let trust = self.believe(&pen, skill.record);
+        let (pen_age_ns, jumped, record) = (pen.age_ns, closed.jumped, worth.record);
+        let follows = self.watch.follows();
+        let trust = self.trust.update(&Evidence { follows, pen_age_ns, jumped, predicted, record }, &ahead);
         clock.lap(Stage::Predict);
 
         // Reference: where the pen will be when the arm gets there.
-        let wanted = self.wanted(now, trust.alpha);
-        self.mover.pace_mps = self.monitor.allowed_mps();
+        let references = || self.reference.of_pen(&self.preview, pen.resting_at, now, ahead.ahead_ns);
+        let pace_mps = self.monitor.allowed_mps();
+        let wanted = MotionGoal::of(self.watch.mode(), pen.newest, references, trust.alpha, pace_mps);
         // Plan, solve, keep the envelope, guard: the plan's first step as joints that may be published.
         let moved = self.mover.advance(wanted.as_ref(), budget, &mut health, clock);
-        let followed = matches!(wanted, Some(Wanted::Follow { .. }));
-        // Take stock: what the tick came to, for lag, monitor and the next tick.
-        let way = self.record_outcome(now, seen.lost_ns, followed, &moved, health);
+
+        // What the tick came to, for the next one.
+        let (way, lets_go) = self.watch.record(now, &moved);
+        if lets_go {
+            self.mover.let_go();
+        }
+        self.estimate.record_motion(moved.at_limit, self.settings.period_ns);
+        let sample = pen.newest.map(|pen| (pen.stamp, self.settings.mpc.inside(pen.position)));
+        let followed = wanted.is_some_and(|wanted| wanted.follows());
+        self.trust.record(&gap, followed, &moved, sample, &ahead, health);
+        self.monitor.record(&moved);
         clock.lap(Stage::Guard);
 
-        self.report(now, Outcomes { health, seen, pen, trust, moved, way })
+        self.report(TickReport { request, answer, gap, health, pen, closed, ahead, trust, way, moved })
     }
 }

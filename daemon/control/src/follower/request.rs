@@ -68,7 +68,7 @@ pub enum Refusal {
     MovesHome,
     /// The straight way home is not clear.
     WayBlocked(WayBlocked),
-    /// The arm is not where it was told to be, or moves by itself.
+    /// The arm is not where it was commanded to be, or moves by itself.
     NotFollowing,
     /// A stop came after the request to arm was sent.
     StopCame,

@@ -10,14 +10,15 @@ use crate::arm::{Chain, JointLimits, Payload};
 use crate::clearance::{ClearanceError, ClearanceSettings};
 use crate::contact::ContactSettings;
 use crate::envelope::{EnvelopeError, EnvelopeSettings};
+use crate::estimate::refine::{PriorError, RefineParameters};
+use crate::estimate::skill::SkillParameters;
 use crate::ik::{BackendError, IkBackend, IkSettings};
 use crate::monitor::{LONGEST_LAG_NS, TrackingSettings};
 use crate::mpc::{AxisLimits, MpcError, MpcSettings};
 use crate::pen::{PenError, PenSettings};
 use crate::plane::Plane;
-use crate::predict::refine::{PriorError, RefineParameters};
+use crate::predict::bands::BAND_LEADS;
 use crate::predict::{MAX_PREVIEW, Models, OnlineWeights, PreviewError, PreviewSettings};
-use crate::skill::SkillParameters;
 use crate::trust::{TrustError, TrustRequest, TrustSettings};
 
 /// Safety bounds of the loop.
@@ -81,7 +82,7 @@ pub struct FollowerSettings<const J: usize> {
     pub mpc: MpcSettings,
     /// Where the paper is.
     pub plane: Plane,
-    /// The arm.
+    /// Links and joints of the arm.
     pub chain: Chain<J>,
     /// Limits that every command obeys.
     pub limits: JointLimits<J>,
@@ -103,6 +104,19 @@ pub struct FollowerSettings<const J: usize> {
     /// The references are advanced by this much of the predicted velocity \[ns\]: removes the lag that hands
     /// which are hard to predict would leave.
     pub velocity_lead_ns: u64,
+}
+
+/// How far the loop looks ahead in a tick.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Lookahead {
+    /// Dead time τ of the arm \[ns\].
+    pub(super) dead_time_ns: u64,
+    /// From now to the plan's first reference, without its velocity lead \[ns\].
+    pub(super) ahead_ns: u64,
+    /// The nearest lead that a plan uses, as far as there are error bands \[steps\].
+    pub(super) nearest_lead: usize,
+    /// Steps to roll out.
+    pub(super) steps: usize,
 }
 
 /// Why a follower could not be built.
@@ -133,21 +147,21 @@ pub enum FollowerError {
     PreviewTooLong {
         /// τ \[ns\]
         dead_time_ns: u64,
-        /// Steps needed.
+        /// Grid steps that the preview needs.
         needed: usize,
-        /// Steps available.
+        /// Grid steps that a preview has at most.
         available: usize,
     },
     /// A number of the plane or of the safety bounds is outside its range.
     #[error("{name} = {value} {unit} is outside {low} to {high} {unit}")]
     Number {
-        /// Which.
+        /// Name of the number, as in the message.
         name: &'static str,
-        /// Its value.
+        /// The refused value, as it was given.
         value: f64,
-        /// Lower bound.
+        /// Smallest value that is legal, itself included.
         low: f64,
-        /// Upper bound.
+        /// Largest value that is legal, itself included.
         high: f64,
         /// Unit of all three.
         unit: &'static str,
@@ -155,7 +169,7 @@ pub enum FollowerError {
     /// Parts of the loop were given different grid steps.
     #[error("{part} has a grid step of {got_ns} ns, the pen grid {grid_ns} ns; they must be the same")]
     StepMismatch {
-        /// Which part.
+        /// Name of the part, as in the message.
         part: &'static str,
         /// Its step \[ns\]
         got_ns: u64,
@@ -173,7 +187,7 @@ pub enum FollowerError {
         /// Amplitude \[m\].
         swing_m: f64,
         /// A setting that would come to rest.
-        would: Would,
+        would: RestRemedy,
     },
     /// With so little jerk a joint that brakes hard reverses before it rests.
     #[error(
@@ -233,7 +247,7 @@ pub enum FollowerError {
 
 /// A change of one setting with which the arm comes to rest.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Would {
+pub enum RestRemedy {
     /// The plan's velocity limit along the axis \[m/s\].
     Velocity(f64),
     /// The plan's acceleration limit along the axis \[m/s²\].
@@ -246,7 +260,7 @@ pub enum Would {
     Nothing,
 }
 
-impl fmt::Display for Would {
+impl fmt::Display for RestRemedy {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Velocity(mps) => write!(f, "a velocity limit of {mps} m/s there would do"),
@@ -305,8 +319,20 @@ impl<const J: usize> FollowerSettings<J> {
         Ok(needed)
     }
 
+    /// How far the loop looks ahead with a dead time of `dead_time_ns`.
+    pub(super) fn lookahead(&self, horizon: usize, dead_time_ns: u64) -> Lookahead {
+        // The plan models the servo's part of the dead time, and has a response of its own.
+        let ahead_ns = dead_time_ns.saturating_sub(self.servo_ns()).saturating_add(self.response_ns);
+        Lookahead {
+            dead_time_ns,
+            ahead_ns,
+            nearest_lead: ((ahead_ns / self.pen.step_ns) as usize + 1).min(BAND_LEADS),
+            steps: self.steps_for(horizon, dead_time_ns),
+        }
+    }
+
     /// The same for the current dead time, so that a short one costs no more than it must.
-    pub(super) fn steps_for(&self, horizon: usize, dead_time_ns: u64) -> usize {
+    fn steps_for(&self, horizon: usize, dead_time_ns: u64) -> usize {
         let plan_ns = (self.mpc.step_s * 1e9 * horizon as f64) as u64;
         let ahead_ns = dead_time_ns
             .saturating_add(self.response_ns)

@@ -3,8 +3,9 @@
 //! Contract: nothing here moves the arm. A stop is latched until an explicit `Arm` request finds a healthy
 //! arm at rest.
 
-use super::io::{EnableReading, Health, JointReading, Mode, Refusal};
-use super::settings::SafetySettings;
+use super::io::{EnableReading, Health, JointReading, Mode, Refusal, StepInput};
+use super::motion::MotionReport;
+use super::settings::{FollowerSettings, SafetySettings};
 use crate::state::state;
 use crate::stop::{StopDetail, StopReason};
 use crate::units::Stamp;
@@ -21,12 +22,14 @@ const ARMING_LEAST_NS: i64 = 20_000_000;
 
 /// What is known about the arm and its operator, and the mode that follows from it.
 #[derive(Debug, Clone)]
-pub(super) struct Watch<const J: usize> {
+pub(super) struct ModeWatch<const J: usize> {
     settings: SafetySettings,
+    /// Distance that the arm keeps on its way home \[m\].
+    pub(super) margin_m: f64,
     mode: Mode,
-    reason: StopReason,
+    pub(super) reason: StopReason,
     /// Kept across an arming, so that the last stop can be read afterwards.
-    detail: StopDetail,
+    pub(super) detail: StopDetail,
     /// Go to Idle once at rest.
     letting_go: bool,
     joints: Option<JointReading<J>>,
@@ -38,16 +41,17 @@ pub(super) struct Watch<const J: usize> {
 }
 
 state! {
-    [const J: usize] Watch<J> {
+    [const J: usize] ModeWatch<J> {
         mode, reason, detail, letting_go, joints, interval_ns, enable, enable_honoured,
     }
-    fixed { settings }
+    fixed { settings, margin_m }
 }
 
-impl<const J: usize> Watch<J> {
-    pub(super) fn new(settings: SafetySettings) -> Self {
+impl<const J: usize> ModeWatch<J> {
+    pub(super) fn new(settings: &FollowerSettings<J>) -> Self {
         Self {
-            settings,
+            settings: settings.safety,
+            margin_m: settings.clearance.as_ref().map_or(0.0, |clearance| clearance.margin_m),
             mode: Mode::Idle,
             reason: StopReason::None,
             detail: StopDetail::default(),
@@ -61,14 +65,6 @@ impl<const J: usize> Watch<J> {
 
     pub(super) fn mode(&self) -> Mode {
         self.mode
-    }
-
-    pub(super) fn reason(&self) -> StopReason {
-        self.reason
-    }
-
-    pub(super) fn detail(&self) -> StopDetail {
-        self.detail
     }
 
     /// The arm is to move with the pen.
@@ -86,33 +82,40 @@ impl<const J: usize> Watch<J> {
         matches!(self.mode, Mode::Stopped | Mode::Fault)
     }
 
-    /// Stores what arrived; never replaces something newer by something older.
+    /// Takes in what arrived after `lost_ns` without ticks; never replaces something newer by something
+    /// older. Stops that the shell demands latch here. Returns the joint state, if it was accepted.
     ///
     /// Stamps far ahead of `now` are refused: they would look fresh for a long time.
-    pub(super) fn observe(
+    pub(super) fn observe<'a>(
         &mut self,
-        now: Stamp,
-        joints: Option<&JointReading<J>>,
-        enable: Option<EnableReading>,
+        input: &StepInput<'a, J>,
+        lost_ns: u64,
         health: &mut Health,
-    ) {
-        let sound = |stamp: Stamp| stamp.since(now) <= MAX_AHEAD_NS;
-        if let Some(new) = joints {
-            let finite = new.q.iter().chain(&new.qd).all(|value| value.is_finite());
-            let newer = self.joints.as_ref().is_none_or(|old| new.stamp >= old.stamp);
-            if sound(new.stamp) && finite && newer {
-                self.interval_ns = self.joints.as_ref().map_or(0, |old| new.stamp.since(old.stamp));
-                self.joints = Some(*new);
-            } else {
-                health.set(Health::JOINTS_REJECTED);
-            }
+    ) -> Option<&'a JointReading<J>> {
+        let now = input.now;
+        if lost_ns > self.settings.latch_after_ns {
+            self.latch(now, StopReason::TimeLost);
         }
-        if let Some(new) = enable
+        if let Some((reason, detail)) = input.halt {
+            self.latch_with(now, reason, detail);
+        }
+        let sound = |stamp: Stamp| stamp.since(now) <= MAX_AHEAD_NS;
+        if let Some(new) = input.enable
             && sound(new.stamp)
             && self.enable.is_none_or(|old| new.stamp >= old.stamp)
         {
             self.enable = Some(new);
         }
+        let new = input.joints?;
+        let finite = new.q.iter().chain(&new.qd).all(|value| value.is_finite());
+        let newer = self.joints.as_ref().is_none_or(|old| new.stamp >= old.stamp);
+        if !(sound(new.stamp) && finite && newer) {
+            health.set(Health::JOINTS_REJECTED);
+            return None;
+        }
+        self.interval_ns = self.joints.as_ref().map_or(0, |old| new.stamp.since(old.stamp));
+        self.joints = Some(*new);
+        Some(new)
     }
 
     /// Latches a stop if arm or operator are stale. Judged by stamps.
@@ -167,21 +170,37 @@ impl<const J: usize> Watch<J> {
         }
     }
 
+    /// Stops for what was found wrong with the arm.
+    pub(super) fn latch_found(&mut self, now: Stamp, stop: Option<(StopReason, StopDetail)>) {
+        if let Some((reason, detail)) = stop {
+            self.latch_with(now, reason, detail);
+        }
+    }
+
     /// Stops, then lets go of the arm.
     pub(super) fn disarm(&mut self, now: Stamp) {
         self.latch(now, StopReason::Requested);
         self.letting_go = true;
     }
 
-    /// The arm has come to rest in a latched stop. Returns true when the loop lets go of it.
-    pub(super) fn came_to_rest(&mut self) -> bool {
-        let lets_go = self.letting_go && self.stopped();
+    /// Takes in what the tick came to. Returns the result of checking the way home, if there is one, and
+    /// whether the loop lets go of the arm.
+    pub(super) fn record(
+        &mut self,
+        now: Stamp,
+        moved: &MotionReport<J>,
+    ) -> (Option<Result<(), Refusal>>, bool) {
+        if let Some(detail) = moved.breach {
+            self.latch_with(now, StopReason::Envelope, detail);
+        }
+        let (way, at_home) = self.record_home(now, &moved.home);
+        let lets_go = moved.at_rest && self.letting_go && self.stopped();
         if lets_go {
-            self.mode = Mode::Idle;
+            self.leave();
             self.reason = StopReason::None;
             self.letting_go = false;
         }
-        lets_go
+        (way, at_home || lets_go)
     }
 
     /// Checks everything about arming that needs no geometry; returns the joints to start from.

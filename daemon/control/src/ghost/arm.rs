@@ -28,13 +28,13 @@ const LARGEST_S: f64 = 0.06;
 
 /// A past command with its derivatives.
 #[derive(Debug, Clone, Copy)]
-struct Command {
+struct CommandMotion {
     position: [f64; 2],
     velocity: [f64; 2],
     acceleration: [f64; 2],
 }
 
-impl Command {
+impl CommandMotion {
     /// Central differences about `then`; `None` where the commands around it are unknown.
     fn at(commands: &Track, then: Stamp) -> Option<Self> {
         let before = commands.at(Stamp(then.0.checked_sub(REACH_NS)?))?.position;
@@ -53,7 +53,7 @@ impl Command {
     }
 }
 
-/// The fit.
+/// The arm's response to its commands, fitted.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct ArmFit {
     /// Sums of ċċ, ċc̈, c̈c̈, and of the residual of the measured position times ċ and c̈.
@@ -71,7 +71,8 @@ pub struct ArmFit {
 impl ArmFit {
     /// Learns that the command at `then` became the tool position `measured` \[m\].
     pub fn learn(&mut self, commands: &Track, then: Stamp, measured: [f64; 2]) {
-        let Some(command) = Command::at(commands, then).filter(|_| measured.iter().all(|x| x.is_finite()))
+        let Some(command) =
+            CommandMotion::at(commands, then).filter(|_| measured.iter().all(|x| x.is_finite()))
         else {
             return;
         };
@@ -104,8 +105,8 @@ impl ArmFit {
     /// unknown.
     #[must_use]
     pub fn respond(&self, commands: &Track, then: Stamp) -> Option<[f64; 2]> {
-        let Command { position: [x, y], velocity: [vx, vy], acceleration: [ax, ay] } =
-            Command::at(commands, then)?;
+        let CommandMotion { position: [x, y], velocity: [vx, vy], acceleration: [ax, ay] } =
+            CommandMotion::at(commands, then)?;
         let [b, a] = self.response;
         Some([x + b * vx + a * ax, y + b * vy + a * ay])
     }
@@ -217,7 +218,7 @@ mod tests {
             cases.push((1.0, [velocity, acceleration, off]));
             fit.learn(&track, Stamp(ms * MS), [here[0] + off[0], here[1] + off[1]]);
         }
-        // Σ of the products of velocity, acceleration and residual, by their places.
+        // Σ of the products of velocity, acceleration and residual, by their indices.
         let sum = |one: usize, other: usize| {
             let dot = |case: &[[f64; 2]; 3]| (0..2).map(|i| case[one][i] * case[other][i]).sum::<f64>();
             cases.iter().map(|(weight, case)| weight * dot(case)).sum::<f64>()

@@ -7,7 +7,7 @@
 //! the ghost's arm responds to its commands as the real one was measured to respond to its own ([`ArmFit`]):
 //! late by the lag, and rounded by the servo. Both are judged at the stamps of the real measurements, once
 //! the pen around them is known, only while the loop follows, and only after both tools have come near the
-//! pen. Where ticks are missing the ghost cannot know what the pen did: it starts anew from the real command
+//! pen. Where ticks are missing the ghost cannot know what the pen did: it starts again from the real command
 //! at rest and is judged again after a second. Work per tick is one step of the law; nothing allocates after
 //! construction. Absent: threads, and the source of the lag.
 
@@ -73,20 +73,20 @@ pub enum GhostState {
     Approaching,
     /// Ticks were missing; both tools settle.
     Settling,
-    /// It can.
+    /// It can be compared with the loop.
     Comparable,
 }
 
 /// Both tools at one instant.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Compared {
-    /// The instant.
+    /// Instant of the grid that it is about.
     pub instant: Stamp,
     /// Distance of the real tool from the pen \[m\].
     pub error_m: f64,
     /// Distance of the ghost's tool from the pen \[m\].
     pub ghost_error_m: f64,
-    /// The pen wrote.
+    /// The pen touched the paper then.
     pub contact: bool,
 }
 
@@ -108,9 +108,9 @@ pub struct GhostFigures {
     pub state: GhostState,
     /// How long the pen wrote meanwhile \[s\].
     pub seconds: f64,
-    /// The real loop.
+    /// Tracking of the real loop.
     pub real: Tracking,
-    /// Hold alone.
+    /// Tracking of Hold alone, the ghost.
     pub ghost: Tracking,
 }
 
@@ -217,14 +217,13 @@ impl<const N: usize, const J: usize> Ghost<N, J> {
         GhostReport { state: self.state, tool, compared: self.judge(tick) }
     }
 
-    /// Scores of both.
+    /// Scores of both since arming.
     #[must_use]
     pub fn figures(&self) -> GhostFigures {
         let [real, ghost] = self.score.tracking();
         GhostFigures { state: self.state, seconds: self.score.seconds(), real, ghost }
     }
 
-    /// Ends the comparison.
     fn part(&mut self) {
         self.approached = false;
         self.sent.clear();

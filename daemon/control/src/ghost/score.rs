@@ -36,12 +36,12 @@ pub struct Tracking {
 
 /// A weighted mean that may forget, and its total weight.
 #[derive(Debug, Clone, Copy, Default)]
-struct Mean {
+struct FadingMean {
     sum: f64,
     weight: f64,
 }
 
-impl Mean {
+impl FadingMean {
     fn fade(&mut self, keep: f64) {
         self.sum *= keep;
         self.weight *= keep;
@@ -59,17 +59,17 @@ impl Mean {
 
 /// Mean squared distance for each shift.
 #[derive(Debug, Clone, Copy)]
-struct Shifts([Mean; SHIFTS]);
+struct Shifts([FadingMean; SHIFTS]);
 
 impl Shifts {
-    const EMPTY: Self = Self([Mean { sum: 0.0, weight: 0.0 }; SHIFTS]);
+    const EMPTY: Self = Self([FadingMean { sum: 0.0, weight: 0.0 }; SHIFTS]);
 
     /// The shift with the least mean \[s\].
     fn lag(&self) -> Option<f64> {
         let most = self.0.iter().map(|mean| mean.weight).fold(0.0, f64::max);
         // Shifts with few samples were only tried in gaps of the pen.
         let mean = |index: usize| {
-            let Mean { sum, weight } = *self.0.get(index)?;
+            let FadingMean { sum, weight } = *self.0.get(index)?;
             (weight >= FEWEST && weight >= 0.5 * most).then(|| sum / weight)
         };
         let (best, least) = (0..SHIFTS)
@@ -93,19 +93,19 @@ fn vertex(before: f64, middle: f64, after: f64) -> f64 {
 
 /// The sums of one tool.
 #[derive(Debug, Clone, Copy)]
-struct Sums {
-    recent: Mean,
-    session: Mean,
-    hover: Mean,
+struct ToolSums {
+    recent: FadingMean,
+    session: FadingMean,
+    hover: FadingMean,
     recent_shifts: Shifts,
     session_shifts: Shifts,
 }
 
-impl Sums {
+impl ToolSums {
     const EMPTY: Self = Self {
-        recent: Mean { sum: 0.0, weight: 0.0 },
-        session: Mean { sum: 0.0, weight: 0.0 },
-        hover: Mean { sum: 0.0, weight: 0.0 },
+        recent: FadingMean { sum: 0.0, weight: 0.0 },
+        session: FadingMean { sum: 0.0, weight: 0.0 },
+        hover: FadingMean { sum: 0.0, weight: 0.0 },
         recent_shifts: Shifts::EMPTY,
         session_shifts: Shifts::EMPTY,
     };
@@ -133,9 +133,8 @@ impl Sums {
 /// The score of both tools.
 #[derive(Debug, Clone)]
 pub struct Score {
-    sums: [Sums; 2],
+    sums: [ToolSums; 2],
     memory_ns: f64,
-    /// Newest sample judged.
     judged: Option<Stamp>,
     /// Newest sample used for the lag.
     shifted: Option<Stamp>,
@@ -153,7 +152,7 @@ impl Score {
     #[must_use]
     pub fn new(memory_ns: u64) -> Self {
         Self {
-            sums: [Sums::EMPTY; 2],
+            sums: [ToolSums::EMPTY; 2],
             memory_ns: memory_ns as f64,
             judged: None,
             shifted: None,
@@ -204,7 +203,7 @@ impl Score {
     /// The figures of both tools.
     #[must_use]
     pub fn tracking(&self) -> [Tracking; 2] {
-        self.sums.each_ref().map(Sums::tracking)
+        self.sums.each_ref().map(ToolSums::tracking)
     }
 
     /// How long the pen wrote while both were judged \[s\].

@@ -7,14 +7,14 @@ use std::collections::VecDeque;
 
 use crate::units::Stamp;
 
-/// A stamped position.
+/// A position in the plane, with its stamp.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Point {
-    /// When.
+    /// When the tool or pen was there.
     pub stamp: Stamp,
     /// Plane frame \[m\].
     pub position: [f64; 2],
-    /// On the paper.
+    /// It was on the paper.
     pub contact: bool,
 }
 
@@ -67,7 +67,7 @@ impl Track {
         })
     }
 
-    /// Forgets everything.
+    /// Forgets all points that it has.
     pub fn clear(&mut self) {
         self.points.clear();
     }

@@ -3,6 +3,8 @@
 //! Contract: shares no arithmetic with guard, IK, stop or `consumer_state`, so that an error there cannot
 //! hide here. Counts, never alters. Absent: jerk, whose limit yields to the others.
 
+#![expect(clippy::indexing_slicing, reason = "indices run over the joints, the length of every array")]
+
 use crate::arm::limits::JointLimits;
 use crate::units::Stamp;
 
@@ -40,7 +42,7 @@ pub struct CommandStatistics {
     pub count: u64,
     /// Commands that broke at least one rule.
     pub limit_violations: u64,
-    /// By rule.
+    /// Counts of violations, by rule.
     pub violations: Violations,
     /// Largest change of a joint between two commands \[rad\].
     pub max_step_rad: f64,
@@ -118,28 +120,23 @@ impl<const J: usize> CommandChecker<J> {
         let mut broken = [false; 5];
         let [position, velocity, acceleration, continuity, viability] = &mut broken;
         let gliding_s = valid_until.seconds_since(stamp).max(0.0);
-        let ends = self.limits.position().iter().zip(self.limits.deceleration());
-        for ((q, v), ([lower, upper], decel)) in q.iter().zip(qd).zip(ends) {
-            let to_rest = v.abs() * (gliding_s + v.abs() / decel / 2.0);
-            let room = if *v > 0.0 { upper - q } else { q - lower };
+        for j in 0..J {
+            let ([lower, upper], q, v) = (self.limits.position()[j], q[j], qd[j]);
+            let to_rest = v.abs() * (gliding_s + v.abs() / self.limits.deceleration()[j] / 2.0);
+            let room = if v > 0.0 { upper - q } else { q - lower };
             *viability |= room >= -POSITION_RAD && to_rest * (1.0 - RELATIVE) > room + POSITION_RAD;
-        }
-        for (q, [lower, upper]) in q.iter().zip(self.limits.position()) {
-            *position |= *q < lower - POSITION_RAD || *q > upper + POSITION_RAD;
-        }
-        for (v, limit) in qd.iter().zip(self.limits.velocity()) {
+            *position |= q < lower - POSITION_RAD || q > upper + POSITION_RAD;
             seen.max_velocity_radps = seen.max_velocity_radps.max(v.abs());
-            *velocity |= v.abs() > limit * (1.0 + RELATIVE);
+            *velocity |= v.abs() > self.limits.velocity()[j] * (1.0 + RELATIVE);
         }
         let mut newer = true;
         if let Some(last) = &self.last {
             let elapsed = stamp.seconds_since(last.stamp);
             if elapsed > 0.0 {
                 let late = stamp > last.valid_until;
-                let bounds = self.limits.velocity().iter().zip(self.limits.acceleration());
-                let pairs = q.iter().zip(&last.q).zip(qd.iter().zip(&last.qd));
-                for (((q1, q0), (v1, v0)), (v_max, a_max)) in pairs.zip(bounds) {
-                    let step = q1 - q0;
+                for j in 0..J {
+                    let (v_max, a_max) = (self.limits.velocity()[j], self.limits.acceleration()[j]);
+                    let (step, v0, v1) = (q[j] - last.q[j], last.qd[j], qd[j]);
                     let covered = step.abs() / elapsed;
                     let change = (v1 - v0).abs() / elapsed;
                     seen.max_step_rad = seen.max_step_rad.max(step.abs());
@@ -147,9 +144,9 @@ impl<const J: usize> CommandChecker<J> {
                     seen.max_acceleration_radps2 = seen.max_acceleration_radps2.max(change);
                     *velocity |= covered > v_max * (1.0 + RELATIVE);
                     *acceleration |= change > a_max * (1.0 + RELATIVE);
-                    let rest = if late { 0.0 } else { *v0 };
-                    let slowest = v1.min(*v0).min(rest) * elapsed - POSITION_RAD;
-                    let fastest = v1.max(*v0).max(rest) * elapsed + POSITION_RAD;
+                    let rest = if late { 0.0 } else { v0 };
+                    let slowest = v1.min(v0).min(rest) * elapsed - POSITION_RAD;
+                    let fastest = v1.max(v0).max(rest) * elapsed + POSITION_RAD;
                     *continuity |= !(step >= slowest && step <= fastest);
                 }
             } else {

@@ -39,6 +39,8 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+#![expect(clippy::indexing_slicing, reason = "indices run over the joints, the length of every array")]
+
 pub mod check;
 pub mod consumer;
 pub mod stop;
@@ -112,7 +114,7 @@ impl<const J: usize> Commanded<J> {
 /// What the guard let pass.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Verdict<const J: usize> {
-    /// The legal command.
+    /// The command that may leave.
     pub command: Commanded<J>,
     /// Joints whose position differs from the proposal, one bit each, joint 0 lowest.
     pub altered: u32,
@@ -125,7 +127,7 @@ pub struct Verdict<const J: usize> {
 pub struct Reasons(u16);
 
 impl Reasons {
-    /// Nothing was altered.
+    /// Nothing was altered: no reason.
     pub const NONE: Self = Self(0);
     /// A proposed number was NaN or infinite: all joints brake.
     pub const NOT_FINITE: Self = Self(1);
@@ -142,7 +144,7 @@ impl Reasons {
     /// The last command is older than the longest step: only that much motion is allowed.
     pub const GAP: Self = Self(1 << 6);
 
-    /// Both sets together.
+    /// The reasons of both sets together.
     #[must_use]
     pub const fn with(self, other: Self) -> Self {
         Self(self.0 | other.0)
@@ -182,7 +184,7 @@ impl<const J: usize> Guard<J> {
         Self { limits, longest_step_s: limits.hold_s().max(0.1) }
     }
 
-    /// Limits kept.
+    /// The limits that it keeps.
     #[must_use]
     pub const fn limits(&self) -> &JointLimits<J> {
         &self.limits
@@ -228,37 +230,35 @@ impl<const J: usize> Guard<J> {
         let finite = !reasons.contains(Reasons::NOT_FINITE);
         let mut altered = 0;
         let mut motion = last.motion;
-        let inputs = proposed.iter().zip(wanted).zip(allowed.lower.iter().zip(&allowed.upper));
-        let positions = self.limits.position().iter().zip(self.limits.acceleration());
-        let outputs = motion.q.iter_mut().zip(&mut motion.qd).zip(&mut motion.qdd);
-        for (joint, ((((proposed, &wanted), (&lower, &upper)), ([q_min, q_max], a)), ((q, qd), qdd))) in
-            inputs.zip(positions).zip(outputs).enumerate()
-        {
-            let (old_q, old_qd) = (*q, *qd);
-            let rounding = rounding_radps(old_q, *a, h);
-            let inside = wanted >= lower - rounding && wanted <= upper + rounding;
-            let v = if inside { wanted } else { wanted.max(lower).min(upper) };
+        for j in 0..J {
+            let (old_q, old_qd, a) = (motion.q[j], motion.qd[j], self.limits.acceleration()[j]);
+            let (lower, upper, [q_min, q_max]) =
+                (allowed.lower[j], allowed.upper[j], self.limits.position()[j]);
+            let rounding = rounding_radps(old_q, a, h);
+            let inside = wanted[j] >= lower - rounding && wanted[j] <= upper + rounding;
+            let v = if inside { wanted[j] } else { wanted[j].max(lower).min(upper) };
             // A proposal inside the box passes bit for bit.
-            *q = if inside && finite { *proposed } else { old_q + v * h };
+            let mut q = if inside && finite { proposed[j] } else { old_q + v * h };
             // Rounding must put no joint outside its limits, and none farther outside. More than rounding
             // would break the acceleration.
             let kept = q.max(q_min.min(old_q)).min(q_max.max(old_q));
             if ((kept - old_q) / h - old_qd).abs() <= a * h + rounding {
-                *q = kept;
+                q = kept;
             }
-            *qd = (*q - old_q) / h;
-            *qdd = (*qd - old_qd) / h;
+            let mut qd = (q - old_q) / h;
+            let mut qdd = (qd - old_qd) / h;
             if !(q.is_finite() && qd.is_finite() && qdd.is_finite()) {
                 // Only states near the largest representable numbers come here; no motion from them is
                 // meaningful.
-                (*q, *qd, *qdd) = (old_q, 0.0, 0.0);
+                (q, qd, qdd) = (old_q, 0.0, 0.0);
             }
+            (motion.q[j], motion.qd[j], motion.qdd[j]) = (q, qd, qdd);
             if !inside {
-                reasons = reasons.with(why(&self.limits, &last.motion, joint, wanted, h));
+                reasons = reasons.with(why(&self.limits, &last.motion, j, wanted[j], h));
             }
             // NaN differs from everything, itself included.
-            if !(*q == *proposed) {
-                altered |= 1 << joint;
+            if !(q == proposed[j]) {
+                altered |= 1 << j;
             }
         }
         Verdict { command: Commanded { stamp, motion }, altered, reasons }
@@ -280,11 +280,11 @@ fn why<const J: usize>(
     wanted: f64,
     h: f64,
 ) -> Reasons {
-    let of = |values: &[f64; J]| values.get(joint).copied().unwrap_or(0.0);
+    let of = |values: &[f64; J]| values[joint];
     let (q, qd, qdd) = (of(&last.q), of(&last.qd), of(&last.qdd));
     let (v, a, decel) = (of(limits.velocity()), of(limits.acceleration()), of(limits.deceleration()));
     // Without the velocity limit, which is a reason of its own.
-    let [q_min, q_max] = limits.position().get(joint).copied().unwrap_or_default();
+    let [q_min, q_max] = limits.position()[joint];
     let viable = |room| limits::viable_velocity(room, h, limits.hold_s(), decel, f64::INFINITY);
     let acceleration = (wanted - qd) / h;
     let broken = [

@@ -21,7 +21,7 @@ use thiserror::Error;
 use crate::arm::{JointLimits, JointMotion, Kinematics, VelocityBox, limits, velocity_box};
 use crate::clearance::{Clearance, ClearanceReport, Inside};
 use crate::envelope::Envelope;
-use crate::qp::offered::Offered;
+use crate::qp::offered::OfferedRows;
 
 pub use pose::solve_pose;
 pub use stopping::{PathKept, StopPath, StopStep};
@@ -49,7 +49,7 @@ pub struct IkReport {
     pub source: IkSource,
     /// How the QP ended.
     pub status: QpStatus,
-    /// Active-set steps.
+    /// Steps of the active-set method.
     pub iterations: u32,
     /// Joints held by the box, one bit each, joint 0 lowest.
     pub active: ActiveBounds,
@@ -79,7 +79,7 @@ state! {
 /// What produced the joint velocities.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum IkSource {
-    /// The box QP.
+    /// The optimum of the box QP.
     #[default]
     Optimum,
     /// Damped least squares clamped into the box, because the QP gave no usable answer.
@@ -104,7 +104,7 @@ pub enum IkBackend {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 #[error("clarabel could not be set up for a box of {joints} joint velocities; use the exact backend")]
 pub struct BackendError {
-    /// Number of joints.
+    /// Number of joints of the arm.
     pub joints: usize,
 }
 
@@ -120,7 +120,7 @@ pub struct Ik<const J: usize> {
     envelope: Option<Box<Envelope<J>>>,
     /// Whether the tool's envelope is kept; not on the way home, where the pen does not lead the tool.
     envelope_in_force: bool,
-    offered: Offered<J>,
+    offered: OfferedRows<J>,
 }
 
 state! {
@@ -141,7 +141,7 @@ impl<const J: usize> Ik<J> {
             clearance: None,
             envelope: None,
             envelope_in_force: true,
-            offered: Offered::default(),
+            offered: OfferedRows::default(),
         }
     }
 
@@ -190,13 +190,13 @@ impl<const J: usize> Ik<J> {
         self.envelope.as_deref_mut().filter(|_| self.envelope_in_force)
     }
 
-    /// Limits kept.
+    /// The limits that it keeps.
     #[must_use]
     pub const fn limits(&self) -> &JointLimits<J> {
         &self.limits
     }
 
-    /// Weights and gains.
+    /// Weights and gains of the task.
     #[must_use]
     pub const fn settings(&self) -> &IkSettings<J> {
         &self.settings
@@ -221,20 +221,21 @@ impl<const J: usize> Ik<J> {
             None => box_qp::solve(&task.h, &task.g, &lower, &upper),
             Some(clarabel) => clarabel.solve(&task.h, &task.g, &lower, &upper),
         };
-        let mut answer = Answer::of(&solved);
+        let mut answer = IkSolution::of(&solved);
         if !answer.status.usable() {
             (answer.source, answer.qd) = fallback(&task, motion, &allowed, &self.limits, elapsed);
         } else {
             answer.qd = allowed.nearest(&answer.qd);
         }
         let mut kept_by = [0; 2];
-        let held = self.held_back(kinematics, motion, &answer.qd, &allowed, elapsed, Inside::Retreat);
+        let held = self.breaks(kinematics, motion, &answer.qd, &allowed, elapsed, Inside::Retreat);
         if held.broken {
+            self.offer(kinematics, motion, &answer.qd, &allowed, elapsed);
             // Scaled so that the price of a row outweighs the task whatever its weights are.
             let scale = 1.0 / self.settings.normal_weight.powi(2).max(1.0);
             let kept =
                 row_qp::solve(&(task.h * scale), &(task.g * scale), &lower, &upper, self.offered.rows());
-            answer = Answer {
+            answer = IkSolution {
                 source: IkSource::Optimum,
                 qd: allowed.nearest(&kept.x.into()),
                 status: kept.status,
@@ -267,23 +268,6 @@ impl<const J: usize> Ik<J> {
             envelope,
         };
         IkStep { qd, report }
-    }
-
-    /// Whether `wanted` \[rad/s\] violates a row of clearance or envelope; if so, `offered` holds all rows.
-    fn held_back(
-        &mut self,
-        kinematics: &Kinematics<J>,
-        motion: &JointMotion<J>,
-        wanted: &[f64; J],
-        allowed: &VelocityBox<J>,
-        elapsed: f64,
-        inside: Inside,
-    ) -> HeldBack {
-        let held = self.breaks(kinematics, motion, wanted, allowed, elapsed, inside);
-        if held.broken {
-            self.offer(kinematics, motion, wanted, allowed, elapsed);
-        }
-        held
     }
 
     /// Whether `wanted` \[rad/s\] violates a row of clearance or envelope.
@@ -348,7 +332,7 @@ impl HeldBack {
 }
 
 /// Joint velocities and how they were found.
-struct Answer<const J: usize> {
+struct IkSolution<const J: usize> {
     source: IkSource,
     qd: [f64; J],
     status: QpStatus,
@@ -357,7 +341,7 @@ struct Answer<const J: usize> {
     kkt_residual: f64,
 }
 
-impl<const J: usize> Answer<J> {
+impl<const J: usize> IkSolution<J> {
     fn of(solved: &BoxSolution<J>) -> Self {
         let BoxSolution { x, status, iterations, active, kkt_residual } = *solved;
         Self { source: IkSource::Optimum, qd: x.into(), status, iterations, active, kkt_residual }

@@ -20,7 +20,7 @@ use crate::arm::limits::{self, slowed};
 use crate::arm::{JointLimits, JointMotion, Kinematics, VelocityBox, velocity_box};
 use crate::clearance::{ClearanceReport, Inside};
 use crate::envelope::fastest_stoppable;
-use crate::qp::offered::Offered;
+use crate::qp::offered::OfferedRows;
 use crate::qp::row_qp::{self, ROW_TOLERANCE, RowSolution};
 
 /// Price of the rows relative to a clearance row; below those of the envelope.
@@ -114,7 +114,7 @@ impl<const J: usize> PathRows<J> {
         above && self.line.as_ref().is_none_or(on)
     }
 
-    fn offer(&self, allowed: &VelocityBox<J>, offered: &mut Offered<J>) {
+    fn offer(&self, allowed: &VelocityBox<J>, offered: &mut OfferedRows<J>) {
         let mut put = |row: &[f64; J], bound: f64, weight: f64| {
             offered.offer(&row.map(|c| c * weight), bound * weight, allowed);
         };

@@ -20,7 +20,7 @@ const KINDS: usize = PredictorKind::LIVE.len();
 /// Steps between two judged previews: those of neighbouring steps are nearly the same.
 const STRIDE: usize = 3;
 /// Most previews waiting for their outcome.
-const SHOTS: usize = BAND_LEADS.div_ceil(STRIDE);
+const PENDING: usize = BAND_LEADS.div_ceil(STRIDE);
 /// η after many updates.
 const RATE: f64 = 0.03;
 /// η of the first update; it falls with the root of their number.
@@ -32,12 +32,10 @@ const LN_BOUND: f64 = 7.0;
 
 /// The previews made at one step.
 #[derive(Debug, Clone, Copy)]
-struct Shot {
+struct PendingPreviews {
     /// Step length of the pen when they were made \[m\].
     unit_m: f64,
-    /// The pen rested.
     resting: bool,
-    /// Steps since.
     age: usize,
     /// Path of the pen since \[m\].
     way: [f64; 2],
@@ -81,8 +79,8 @@ impl Factor {
 #[derive(Debug, Clone)]
 pub struct Calibration {
     panel: Panel,
-    /// Newest first.
-    shots: Box<[Shot]>,
+    /// Newest first, one per grid step.
+    pending: Box<[PendingPreviews]>,
     waiting: usize,
     /// Steps since the newest previews.
     since: usize,
@@ -97,7 +95,7 @@ impl Calibration {
     /// Settings or weights that a panel refuses.
     pub fn new(models: &Models, weights: &OnlineWeights) -> Result<Self, WeightsError> {
         let paths = [[[0.0; 2]; BAND_LEADS]; KINDS];
-        let shot = Shot { unit_m: 0.0, resting: true, age: 0, way: [0.0; 2], paths };
+        let empty = PendingPreviews { unit_m: 0.0, resting: true, age: 0, way: [0.0; 2], paths };
         let mut factors = [[Factor { ln: 0.0, updates: 0, misses: 0 }; BAND_LEADS]; KINDS];
         for (kind, of_kind) in PredictorKind::LIVE.into_iter().zip(&mut factors) {
             for ((lead, factor), known) in (1..).zip(of_kind).zip(weights.bands.of(kind)) {
@@ -108,7 +106,7 @@ impl Calibration {
             }
         }
         let panel = Panel::new(models, weights)?;
-        Ok(Self { panel, shots: vec![shot; SHOTS].into_boxed_slice(), waiting: 0, since: 0, factors })
+        Ok(Self { panel, pending: vec![empty; PENDING].into_boxed_slice(), waiting: 0, since: 0, factors })
     }
 
     /// The stroke was interrupted.
@@ -130,26 +128,26 @@ impl Calibration {
     /// Judges the previews whose outcome this step of ordinary motion shows; every few steps all predictors
     /// make new previews.
     pub fn observe(&mut self, step: &LearnStep) {
-        let moved = step.x.map(|x| x * step.scale_m);
+        let moved = step.pen.x.map(|x| x * step.scale_m);
         self.judge(moved);
-        self.panel.observe(&step.seen());
+        self.panel.observe(&step.pen);
         self.since += 1;
         if self.since < STRIDE {
             return;
         }
         self.since = 0;
-        self.shots.rotate_right(1);
-        let Some(shot) = self.shots.first_mut() else { return };
-        shot.unit_m = step.level * step.scale_m;
-        shot.resting = step.level <= REST;
-        (shot.age, shot.way) = (0, [0.0; 2]);
-        for (kind, path) in PredictorKind::LIVE.into_iter().zip(&mut shot.paths) {
+        self.pending.rotate_right(1);
+        let Some(previews) = self.pending.first_mut() else { return };
+        previews.unit_m = step.level * step.scale_m;
+        previews.resting = step.level <= REST;
+        (previews.age, previews.way) = (0, [0.0; 2]);
+        for (kind, path) in PredictorKind::LIVE.into_iter().zip(&mut previews.paths) {
             self.panel.roll_out(kind, step.limit, step.scale_m, [0.0; 2], path);
         }
-        self.waiting = (self.waiting + 1).min(SHOTS);
+        self.waiting = (self.waiting + 1).min(PENDING);
     }
 
-    /// The present bands.
+    /// The bands that hold at present.
     #[must_use]
     pub fn table(&self) -> BandTable {
         let mut table = BandTable::default();
@@ -165,28 +163,28 @@ impl Calibration {
     /// Cases judged so far, and how many of them fell outside, for `kind` at `lead` steps.
     #[must_use]
     pub fn judged(&self, kind: PredictorKind, lead: usize) -> (u32, u32) {
-        let place = PredictorKind::LIVE.into_iter().position(|live| live == kind);
-        let factor = place
-            .and_then(|place| self.factors.get(place))
+        let index = PredictorKind::LIVE.into_iter().position(|live| live == kind);
+        let factor = index
+            .and_then(|index| self.factors.get(index))
             .and_then(|factors| factors.get(lead.checked_sub(1)?));
         factor.map_or((0, 0), |factor| (factor.updates, factor.misses))
     }
 
     fn judge(&mut self, moved: [f64; 2]) {
         let [dx, dy] = moved;
-        for shot in self.shots.iter_mut().take(self.waiting) {
-            let lead = shot.age;
-            shot.age += 1;
-            let [x, y] = &mut shot.way;
+        for previews in self.pending.iter_mut().take(self.waiting) {
+            let lead = previews.age;
+            previews.age += 1;
+            let [x, y] = &mut previews.way;
             (*x, *y) = (*x + dx, *y + dy);
-            if shot.resting && x.hypot(*y) <= shot.unit_m {
+            if previews.resting && x.hypot(*y) <= previews.unit_m {
                 continue;
             }
-            for (factors, path) in self.factors.iter_mut().zip(&shot.paths) {
+            for (factors, path) in self.factors.iter_mut().zip(&previews.paths) {
                 let (Some(factor), Some([px, py])) = (factors.get_mut(lead), path.get(lead)) else {
                     continue;
                 };
-                factor.judge((px - *x).hypot(py - *y) / shot.unit_m, COVERAGE);
+                factor.judge((px - *x).hypot(py - *y) / previews.unit_m, COVERAGE);
             }
         }
     }

@@ -11,8 +11,8 @@ use std::iter::Sum;
 use super::shadow::{Contender, Leads, Shadow, Versus};
 use super::{Promotion, PromotionCause};
 use crate::predict::{
-    Handed, LearnStep, ModelParameters, Models, OnlineModel, OnlineWeights, Pace, Parameters, PredictorKind,
-    WeightsError, kind_of,
+    LearnStep, ListedPredictor, ModelParameters, Models, OnlineModel, OnlineWeights, Pace, ParametersOf,
+    PredictorKind, WeightsError, kind_of,
 };
 
 /// When live weights may change.
@@ -44,9 +44,9 @@ const ANCHOR_AGE: u32 = 3;
 /// What happened to one model's weights.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct CourseCounters {
-    /// Candidates promoted.
+    /// How many candidates were promoted.
     pub promotions: u64,
-    /// Promotions rolled back.
+    /// How many promotions were rolled back.
     pub rollbacks: u64,
     /// Candidates discarded because a parameter left its bounds or was non-finite.
     pub poisoned: u64,
@@ -76,7 +76,7 @@ pub struct CourseErrors {
 
 /// The course of a model of any type.
 pub(super) trait AnyCourse: Debug + Send + Sync {
-    /// The predictor.
+    /// Which predictor it is about.
     fn kind(&self) -> PredictorKind;
 
     /// The stroke was interrupted: memory is cleared.
@@ -128,17 +128,17 @@ impl Clone for Box<dyn AnyCourse> {
 /// One model: candidate, previous weights and their comparison. The live weights are in the set that is
 /// handed over.
 #[derive(Debug, Clone)]
-pub(super) struct Course<P: Handed> {
+pub(super) struct Course<P: ListedPredictor> {
     rule: Rule,
     candidate: P::Learner,
-    previous: Option<Parameters<P>>,
+    previous: Option<ParametersOf<P>>,
     shadow: Shadow,
     /// Moving steps since the last hand-over.
     since: u32,
     counters: CourseCounters,
 }
 
-impl<P: Handed> AnyCourse for Course<P> {
+impl<P: ListedPredictor> AnyCourse for Course<P> {
     fn kind(&self) -> PredictorKind {
         kind_of::<P>()
     }
@@ -156,12 +156,12 @@ impl<P: Handed> AnyCourse for Course<P> {
         version: u64,
     ) -> Option<Promotion> {
         let live = P::part_mut(live);
-        let moving = self.shadow.settle(step.x);
+        let moving = self.shadow.resolve(step.pen.x);
         self.since = self.since.saturating_add(u32::from(moving));
         if learnable {
-            self.candidate.learn_pen(&step.seen());
+            self.candidate.learn_pen(&step.pen);
         } else {
-            self.candidate.observe_pen(&step.seen());
+            self.candidate.observe_pen(&step.pen);
         }
         if self.candidate.parameters().validate().is_err() {
             self.counters.poisoned += 1;
@@ -214,7 +214,7 @@ impl<P: Handed> AnyCourse for Course<P> {
     }
 }
 
-impl<P: Handed> Course<P> {
+impl<P: ListedPredictor> Course<P> {
     /// The candidate starts with the weights of `live`.
     ///
     /// # Errors
@@ -235,7 +235,7 @@ impl<P: Handed> Course<P> {
 
     /// Exchanges the live weights if the evidence demands it; returns why, and the errors of the old and the
     /// new weights.
-    fn decide(&mut self, live: &mut Parameters<P>) -> Option<(PromotionCause, f64, f64)> {
+    fn decide(&mut self, live: &mut ParametersOf<P>) -> Option<(PromotionCause, f64, f64)> {
         let Versus { compared, challenger, other: live_error } = self.shadow.candidate();
         let Rule { min_evidence, promote_ratio, rollback_ratio, follow_steps, .. } = self.rule;
         let old = self.shadow.live();
@@ -291,12 +291,12 @@ impl<P: Handed> Course<P> {
 
     // The live weights were checked before they became live: they cannot be refused.
 
-    fn continue_from(&mut self, live: &Parameters<P>) {
+    fn continue_from(&mut self, live: &ParametersOf<P>) {
         let _ = self.candidate.continue_from(live);
         self.shadow.restart();
     }
 
-    fn restart_from(&mut self, live: &Parameters<P>) {
+    fn restart_from(&mut self, live: &ParametersOf<P>) {
         let _ = self.candidate.restart_from(live);
         self.shadow.restart();
     }

@@ -66,13 +66,13 @@ pub enum LearnError {
     /// A number of the promotion rule.
     #[error("learner setting {name} is {got}, legal are {min} to {max}")]
     Rule {
-        /// Which.
+        /// Name of the number, as in the message.
         name: &'static str,
-        /// As given.
+        /// The refused value, as it was given.
         got: f64,
-        /// Smallest legal value.
+        /// Smallest value that is legal, itself included.
         min: f64,
-        /// Largest legal value.
+        /// Largest value that is legal, itself included.
         max: f64,
     },
 }
@@ -91,11 +91,11 @@ pub enum PromotionCause {
 /// New live weights of one model; the whole set is [`Learner::weights`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Promotion {
-    /// The predictor.
+    /// Which predictor it is about.
     pub model: PredictorKind,
     /// Their version, never used before.
     pub version: u64,
-    /// Why.
+    /// Why it was decided so.
     pub cause: PromotionCause,
     /// Grid index of the step that decided.
     pub index: u64,
@@ -152,7 +152,7 @@ pub struct LearnCounters {
     pub unlearned: u64,
     /// Starts, jumps and lost steps: the memory was cleared.
     pub interruptions: u64,
-    /// Non-finite.
+    /// Refused because they were not finite.
     pub refused: u64,
     /// Of all models together.
     pub courses: CourseCounters,
@@ -227,7 +227,7 @@ impl Learner {
         self.counters.received += 1;
         let follows = self.newest_index.is_some_and(|newest| newest.checked_add(1) == Some(step.index));
         self.newest_index = Some(step.index);
-        let finite = step.x.iter().all(|x| x.is_finite());
+        let finite = step.pen.x.iter().all(|x| x.is_finite());
         if !finite || step.motion != Motion::Continues || !follows {
             *(if finite { &mut self.counters.interruptions } else { &mut self.counters.refused }) += 1;
             for course in &mut self.courses {
@@ -236,7 +236,7 @@ impl Learner {
             self.calibration.interrupt();
             return Lesson::default();
         }
-        let [dx, dy] = step.x;
+        let [dx, dy] = step.pen.x;
         let learnable = dx.hypot(dy) <= self.settings.max_learned;
         *(if learnable { &mut self.counters.updates } else { &mut self.counters.unlearned }) += 1;
         // All changes of this step go out in one set.

@@ -97,14 +97,13 @@ fn capped(error: f64) -> f64 {
     if error < ERROR_CAP { error } else { ERROR_CAP }
 }
 
-type Path = [[f64; 2]; MAX_LEAD];
+type RollOutPath = [[f64; 2]; MAX_LEAD];
 
-/// One step's roll-outs.
 #[derive(Debug, Clone, Copy)]
 struct RollOuts {
-    candidate: Path,
-    live: Path,
-    previous: Option<Path>,
+    candidate: RollOutPath,
+    live: RollOutPath,
+    previous: Option<RollOutPath>,
 }
 
 #[derive(Debug, Clone)]
@@ -114,7 +113,7 @@ pub(super) struct Shadow {
     /// Roll-outs whose outcome is pending, newest first; `leads.last` of them.
     pending: Box<[RollOuts]>,
     /// Real displacements since the oldest of them, newest first.
-    recent: Path,
+    recent: RollOutPath,
     waiting: usize,
     candidate: Versus,
     live: Versus,
@@ -140,14 +139,14 @@ impl Shadow {
         self.waiting = 0;
     }
 
-    /// Starts the comparison of the candidate anew.
+    /// Starts the comparison of the candidate again.
     pub(super) fn restart(&mut self) {
         self.waiting = 0;
         self.candidate = Versus::default();
         self.restart_previous();
     }
 
-    /// Starts the comparison with the previous weights anew.
+    /// Starts the comparison with the previous weights again.
     pub(super) fn restart_previous(&mut self) {
         self.live = Versus::default();
         for rollouts in &mut self.pending {
@@ -166,7 +165,7 @@ impl Shadow {
     }
 
     /// Judges the roll-outs whose last step has just been observed; `true` if they carry information.
-    pub(super) fn settle(&mut self, x: [f64; 2]) -> bool {
+    pub(super) fn resolve(&mut self, x: [f64; 2]) -> bool {
         self.recent.rotate_right(1);
         if let Some(newest) = self.recent.first_mut() {
             *newest = x;
@@ -182,7 +181,7 @@ impl Shadow {
         if moved < REST * REST * self.leads.last as f64 {
             return false;
         }
-        let error = |path: &Path| path_error(path, real, self.leads.first);
+        let error = |path: &RollOutPath| path_error(path, real, self.leads.first);
         let live = error(&rollouts.live);
         self.candidate.add(self.memory, error(&rollouts.candidate), live);
         if let Some(previous) = &rollouts.previous {
@@ -195,7 +194,7 @@ impl Shadow {
     pub(super) fn preview(&mut self, mut roll_out: impl FnMut(Contender, &mut [[f64; 2]]) -> bool) {
         self.pending.rotate_right(1);
         let Some(RollOuts { candidate, live, previous }) = self.pending.first_mut() else { return };
-        let mut fill = |contender, path: &mut Path| {
+        let mut fill = |contender, path: &mut RollOutPath| {
             path.get_mut(..self.leads.last).is_some_and(|path| roll_out(contender, path))
         };
         fill(Contender::Candidate, candidate);
@@ -216,7 +215,7 @@ pub(super) enum Contender {
 }
 
 /// e of the module; `predicted` oldest first, `real` newest first, both per step.
-fn path_error(predicted: &Path, real: &[[f64; 2]], first: usize) -> f64 {
+fn path_error(predicted: &RollOutPath, real: &[[f64; 2]], first: usize) -> f64 {
     let mut error = 0.0;
     let mut ahead = 0.0;
     let mut counted = 0.0;

@@ -12,6 +12,8 @@
 //! [`super::pace`] is given the time to slow the tool down; but not below a share of [`SLIDER`], where a hand
 //! seldom moves so that this can be told from joints that are slow.
 
+#![expect(clippy::indexing_slicing, reason = "indices run over the joints, the length of every array")]
+
 use super::path::BLOCK_NS;
 use crate::arm::response::Expected;
 use crate::state::state;
@@ -57,7 +59,7 @@ state! { [const J: usize] Answers<J> { seen, far, fastest, asked } }
 
 /// What one instant is judged by.
 #[derive(Debug)]
-pub(super) struct Judged<'a, const J: usize, F> {
+pub(super) struct JointEvidence<'a, const J: usize, F> {
     /// How far each joint was asked to move lately \[rad\].
     pub(super) moved: &'a [f64; J],
     /// Its measured speed \[rad/s\], and its limit.
@@ -88,24 +90,21 @@ impl<const J: usize> Answers<J> {
         stamp.0.saturating_sub(self.seen.0) > 2 * BLOCK_NS
     }
 
-    /// One instant.
     pub(super) fn see<F: Fn(&[f64; J]) -> [f64; 3]>(
         &mut self,
         expected: &Expected<J>,
-        judged: &Judged<'_, J, F>,
+        judged: &JointEvidence<'_, J, F>,
     ) -> Option<Differs> {
         if expected.stamp <= self.seen {
             return None;
         }
-        let Judged { moved, speeds, limits, tool_m, tool_of } = *judged;
+        let JointEvidence { moved, speeds, limits, tool_m, tool_of } = *judged;
         let blocks = (expected.stamp.0 - self.seen.0) as f64 / BLOCK_NS as f64;
         self.seen = expected.stamp;
         let keep = (1.0 - blocks / FORGOTTEN).max(0.0);
         self.far *= keep;
         for (most, now) in [(&mut self.fastest, speeds), (&mut self.asked, &expected.qd)] {
-            for (most, (now, limit)) in most.iter_mut().zip(now.iter().zip(limits)) {
-                *most = (*most * keep).max(now.abs() / limit);
-            }
+            *most = std::array::from_fn(|j| (most[j] * keep).max(now[j].abs() / limits[j]));
         }
         let limit_m = FAR * tool_m;
         let there = tool_of(&expected.q);
@@ -113,35 +112,25 @@ impl<const J: usize> Answers<J> {
         if !(away_m > limit_m) {
             return None;
         }
-        let mut off_rad = expected.q;
-        off_rad.iter_mut().zip(&expected.measured).for_each(|(off, measured)| *off = (*off - measured).abs());
+        let off_rad: [f64; J] = std::array::from_fn(|j| (expected.q[j] - expected.measured[j]).abs());
         let share = |off: f64, moved: f64| off / moved.max(OFF_RAD);
         let most =
             off_rad.iter().zip(moved.iter()).map(|(off, moved)| share(*off, *moved)).fold(0.0, f64::max);
         let mut worst = (0, 0.0);
         let mut differing = 0;
         let (mut cut_off, mut others, mut slower) = (0.0_f64, 0.0_f64, true);
-        let joints = expected
-            .measured
-            .iter()
-            .zip(&off_rad)
-            .zip(moved)
-            .zip(self.fastest.iter().zip(&self.asked))
-            .enumerate();
-        for (joint, (((measured, off), moved), (fastest, asked))) in joints {
+        for j in 0..J {
             let mut alone = expected.q;
-            if let Some(slot) = alone.get_mut(joint) {
-                *slot = *measured;
-            }
+            alone[j] = expected.measured[j];
             let off_m = distance(&tool_of(&alone), &there);
-            let alike = *off > OFF_RAD && share(*off, *moved) > ALIKE * most;
+            let alike = off_rad[j] > OFF_RAD && share(off_rad[j], moved[j]) > ALIKE * most;
             let differs = off_m > PART * limit_m || alike;
             differing += usize::from(differs);
             let group = if differs { &mut cut_off } else { &mut others };
-            *group = group.max(*fastest);
-            slower &= !differs || *fastest < SLOWER * asked;
+            *group = group.max(self.fastest[j]);
+            slower &= !differs || self.fastest[j] < SLOWER * self.asked[j];
             if off_m > worst.1 {
-                worst = (joint, off_m);
+                worst = (j, off_m);
             }
         }
         if differing > MOST {

@@ -27,7 +27,6 @@ const BELOW: f64 = 0.7;
 /// Its fastest is at least this \[rad/s\].
 const LEAST_RADPS: f64 = 0.05;
 
-/// One joint.
 #[derive(Debug, Clone, Copy)]
 struct Joint {
     top: f64,
@@ -43,7 +42,6 @@ struct Joint {
 
 state! { [] Joint { top, asked, moving_s, at_top_s, visits, below, asked_then } }
 
-/// All joints.
 #[derive(Debug, Clone)]
 pub(super) struct Ceiling<const J: usize> {
     joints: [Joint; J],
@@ -99,7 +97,7 @@ impl<const J: usize> Ceiling<J> {
     }
 
     /// The least share of its commanded speed at which a joint is cut off, if below `least`; then starts
-    /// anew.
+    /// again.
     pub(super) fn share(&mut self, least: f64) -> Option<f64> {
         let mut found: Option<f64> = None;
         for joint in &mut self.joints {

@@ -5,7 +5,7 @@
 //! the others best, a mirrored joint is anticorrelated. All sums forget by [`KEEP`]; a change of the lag
 //! passes through them before a fault is reported.
 
-use super::path::Path;
+use super::path::RangeHistory;
 use crate::state::state;
 
 /// Candidate lags: 0, 10, ... 200 ms.
@@ -50,8 +50,8 @@ impl<const J: usize> Directions<J> {
     pub(super) fn see(
         &mut self,
         block: u64,
-        measured: &Path<J>,
-        commands: &Path<J>,
+        measured: &RangeHistory<J>,
+        commands: &RangeHistory<J>,
         limit: f64,
     ) -> Option<(usize, f64)> {
         let step = measured.step(block)?;
@@ -114,7 +114,7 @@ mod tests {
     /// Three joints that write small circles at `hz`, 0.1 s late; joint 0 mirrored or not. Returns the block
     /// in which it is reported.
     fn blamed(sign: f64, hz: f64, lag_change: bool) -> Option<u64> {
-        let (mut commands, mut measured) = (Path::<3>::new(), Path::<3>::new());
+        let (mut commands, mut measured) = (RangeHistory::<3>::new(), RangeHistory::<3>::new());
         let mut directions = Directions::new();
         let at = |t: f64| {
             let phase = std::f64::consts::TAU * hz * t;
@@ -153,7 +153,7 @@ mod tests {
     /// Every sum over all complete blocks, weighted by 0.967 per block of age.
     #[test]
     fn sums_are_over_the_steps_of_all_blocks_and_forget() {
-        let (mut commands, mut measured) = (Path::<2>::new(), Path::<2>::new());
+        let (mut commands, mut measured) = (RangeHistory::<2>::new(), RangeHistory::<2>::new());
         let mut directions = Directions::new();
         let at = |t: f64| [0.3 * (9.0 * t).sin(), 0.2 * (5.0 * t).cos()];
         let (mut asked, mut done): (Vec<[f64; 2]>, Vec<[f64; 2]>) = (Vec::new(), Vec::new());

@@ -18,6 +18,8 @@
 //! After a stop for such a reason the arm may not be armed while it moves by itself or is not where it is
 //! held, until an operator disarms. Absent: the arm before it was commanded; force.
 
+#![expect(clippy::indexing_slicing, reason = "indices run over the joints, the length of every array")]
+
 mod answer;
 mod ceiling;
 mod direction;
@@ -32,11 +34,11 @@ mod swing;
 use crate::state::state;
 pub use settings::{SlowArm, TrackingSettings};
 
-use answer::{Answers, Judged};
+use answer::{Answers, JointEvidence};
 use direction::Directions;
 use overshoot::Overshoot;
-use pace::{Pace, SLOW_SHARE};
-use path::{BLOCK_NS, KEPT_NS, Path};
+use pace::{PaceMonitor, SLOW_SHARE};
+use path::{BLOCK_NS, KEPT_NS, RangeHistory};
 use recent::Recent;
 use swing::Swings;
 
@@ -95,13 +97,13 @@ pub struct Monitor<const J: usize> {
     longest_ns: u64,
     /// Velocity limits of the joints \[rad/s\].
     fastest_radps: [f64; J],
-    commands: Path<J>,
-    tools: Path<3>,
-    measured: Path<J>,
+    commands: RangeHistory<J>,
+    tools: RangeHistory<3>,
+    measured: RangeHistory<J>,
     recent: Recent<J>,
     swings: Swings<J>,
     directions: Directions<J>,
-    pace: Pace<J>,
+    pace: PaceMonitor<J>,
     answers: Answers<J>,
     overshoot: Overshoot<J>,
     /// The block in which the commands were last widened.
@@ -132,7 +134,7 @@ state! {
 
 /// What is known about the arm's answer to its commands.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Known<'a, const J: usize> {
+pub struct ArmKnowledge<'a, const J: usize> {
     /// How late it is.
     pub lag: Option<LagEstimate>,
     /// Where its own response has the joints.
@@ -141,9 +143,8 @@ pub struct Known<'a, const J: usize> {
 
 /// How a joint differs from its commands.
 #[derive(Debug, Clone, Copy)]
-struct Wrong {
+struct JointFinding {
     detail: StopDetail,
-    /// Amount over limit.
     severity: f64,
 }
 
@@ -156,13 +157,13 @@ impl<const J: usize> Monitor<J> {
             settings,
             fastest_radps,
             longest_ns: longest_ns.min(KEPT_NS / 2),
-            commands: Path::new(),
-            tools: Path::new(),
-            measured: Path::new(),
+            commands: RangeHistory::new(),
+            tools: RangeHistory::new(),
+            measured: RangeHistory::new(),
             recent: Recent::new(),
             swings: Swings::new(),
             directions: Directions::new(),
-            pace: Pace::new(),
+            pace: PaceMonitor::new(),
             answers: Answers::new(),
             overshoot: Overshoot::new(),
             widened: 0,
@@ -190,7 +191,7 @@ impl<const J: usize> Monitor<J> {
         self.measured.clear();
         self.swings = Swings::new();
         self.directions = Directions::new();
-        self.pace = Pace::new();
+        self.pace = PaceMonitor::new();
         self.answers = Answers::new();
         self.overshoot.forget();
         self.begun = now;
@@ -230,7 +231,7 @@ impl<const J: usize> Monitor<J> {
         &mut self,
         stamp: Stamp,
         q: &[f64; J],
-        known: &Known<'_, J>,
+        known: &ArmKnowledge<'_, J>,
         tool_of: impl Fn(&[f64; J]) -> [f64; 3],
     ) -> Option<StopDetail> {
         if self.recent.newest().is_some_and(|newest| newest >= stamp) {
@@ -316,7 +317,7 @@ impl<const J: usize> Monitor<J> {
         let lately = Stamp(newest.stamp.0.saturating_sub(self.longest_ns + MOTION_NS));
         let moved = self.commands.span_of_ends(lately, newest.stamp)?.width();
         let (speeds, limits) = (speeds.unwrap_or(&[0.0; J]), &self.fastest_radps);
-        let judged = Judged { moved: &moved, speeds, limits, tool_m, tool_of };
+        let judged = JointEvidence { moved: &moved, speeds, limits, tool_m, tool_of };
         let mut found = None;
         if self.answers.new_to(newest.stamp) {
             // What the arm did before its response was known is judged now.
@@ -353,7 +354,7 @@ impl<const J: usize> Monitor<J> {
         q: &[f64; J],
         tool: &[f64; 3],
         speeds: &[f64; J],
-    ) -> Option<Wrong> {
+    ) -> Option<JointFinding> {
         let newest = stamp.plus_ns(AHEAD_NS);
         let span = self.commands.span(oldest, newest)?;
         let outside = span.outside(q);
@@ -369,29 +370,27 @@ impl<const J: usize> Monitor<J> {
             x.hypot(y).hypot(z)
         });
         self.behind |= tool_away > BEHIND * tool_m;
-        let mut worst: Option<Wrong> = None;
+        let mut worst: Option<JointFinding> = None;
         let mut blame = |cause, joint, amount: f64, limit: f64| {
             let severity = amount / limit;
             if severity > worst.as_ref().map_or(1.0, |worst| worst.severity) {
                 let detail = StopDetail { cause, joint, amount, limit, ..StopDetail::default() };
-                worst = Some(Wrong { detail, severity });
+                worst = Some(JointFinding { detail, severity });
             }
         };
         let then = self.commands.last().map_or(q, |(_, commanded)| commanded);
-        let joints =
-            outside.iter().zip(speeds).zip(then.iter().zip(span.low.iter().zip(&span.high))).zip(&grown);
-        for (index, (((outside, speed), (commanded, (low, high))), grown)) in joints.enumerate() {
-            let joint = u8::try_from(index).ok();
-            let away = outside.abs();
-            if let Some(swing) = grown {
-                blame(StopCause::Oscillation, joint, *swing, SWUNG * joint_rad);
+        for j in 0..J {
+            let joint = u8::try_from(j).ok();
+            let away = outside[j].abs();
+            if let Some(swing) = grown[j] {
+                blame(StopCause::Oscillation, joint, swing, SWUNG * joint_rad);
             }
-            let leaving = speed * outside.signum();
+            let leaving = speeds[j] * outside[j].signum();
             // Where the tool is away already, the joint that takes it there is named.
             let least = if tool_away > far_m { BEHIND } else { LEAVING };
             if away > least * joint_rad && away <= joint_rad && leaving > runaway_radps {
                 // The largest lead of the commands in the other direction, of all that may be answered.
-                let against = if *outside > 0.0 { high - commanded } else { commanded - low };
+                let against = if outside[j] > 0.0 { span.high[j] - then[j] } else { then[j] - span.low[j] };
                 if against > LEAVING * joint_rad && away > LEAVING * joint_rad {
                     blame(StopCause::WrongDirection, joint, away, LEAVING * joint_rad);
                 } else {
@@ -408,14 +407,14 @@ impl<const J: usize> Monitor<J> {
                 limit: far_m,
                 ..StopDetail::default()
             };
-            worst = (tool_away > far_m).then_some(Wrong { detail, severity: tool_away / far_m });
+            worst = (tool_away > far_m).then_some(JointFinding { detail, severity: tool_away / far_m });
         }
         worst
     }
 
     /// What is wrong, once that has lasted. The first finding remains the cause: a runaway also ends as a
     /// deviation.
-    fn lasting(&mut self, stamp: Stamp, found: Option<Wrong>) -> Option<StopDetail> {
+    fn lasting(&mut self, stamp: Stamp, found: Option<JointFinding>) -> Option<StopDetail> {
         let detail = found?.detail;
         let (since, first) = self.since.get_or_insert((stamp, detail));
         if first.cause == detail.cause {

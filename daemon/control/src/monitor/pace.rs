@@ -67,7 +67,7 @@ impl<const J: usize> Peaks<J> {
 
 /// The model, two windows, and the results.
 #[derive(Debug, Clone)]
-pub(super) struct Pace<const J: usize> {
+pub(super) struct PaceMonitor<const J: usize> {
     /// Position, speed and smoothed speed of each joint.
     model: Option<(Stamp, [[f64; 3]; J])>,
     lag_s: f64,
@@ -97,13 +97,13 @@ pub(super) struct Pace<const J: usize> {
 }
 
 state! {
-    [const J: usize] Pace<J> {
+    [const J: usize] PaceMonitor<J> {
         model, lag_s, tool_mps, tool, before, now, past, ceiling, seen, sent, asks, window, windows,
         judged_windows, slow_in_a_row, behind, patient_until, judged, slowed,
     }
 }
 
-impl<const J: usize> Pace<J> {
+impl<const J: usize> PaceMonitor<J> {
     pub(super) const fn new() -> Self {
         Self {
             model: None,

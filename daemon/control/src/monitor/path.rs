@@ -3,6 +3,9 @@
 //! Contract: samples are joined by straight lines, also over gaps in time, for more than half a second.
 //! Nothing is known from before the first sample. Bounded work per sample, no allocation.
 
+#![expect(clippy::indexing_slicing, reason = "indices run over the K numbers, the length of every array")]
+
+use crate::history::History;
 use crate::state::state;
 use crate::units::Stamp;
 
@@ -30,70 +33,60 @@ impl<const K: usize> Span<K> {
     }
 
     fn merge(&mut self, other: &Self) {
-        for (low, other) in self.low.iter_mut().zip(&other.low) {
-            *low = if other < low { *other } else { *low };
-        }
-        for (high, other) in self.high.iter_mut().zip(&other.high) {
-            *high = if other > high { *other } else { *high };
+        for k in 0..K {
+            self.low[k] = if other.low[k] < self.low[k] { other.low[k] } else { self.low[k] };
+            self.high[k] = if other.high[k] > self.high[k] { other.high[k] } else { self.high[k] };
         }
     }
 
     /// Distance of `point` outside the range, positive above, negative below.
     pub(super) fn outside(&self, point: &[f64; K]) -> [f64; K] {
-        let mut beyond = [0.0; K];
-        let bounds = self.low.iter().zip(&self.high);
-        for (beyond, (x, (low, high))) in beyond.iter_mut().zip(point.iter().zip(bounds)) {
-            *beyond = (x - high).max(0.0) + (x - low).min(0.0);
-        }
-        beyond
+        std::array::from_fn(|k| (point[k] - self.high[k]).max(0.0) + (point[k] - self.low[k]).min(0.0))
     }
 
     /// Maximum minus minimum of each.
     pub(super) fn width(&self) -> [f64; K] {
-        let mut width = [0.0; K];
-        for (width, (low, high)) in width.iter_mut().zip(self.low.iter().zip(&self.high)) {
-            *width = high - low;
-        }
-        width
+        std::array::from_fn(|k| self.high[k] - self.low[k])
     }
 }
 
-/// The recent past.
+/// The samples of 10 ms.
+#[derive(Debug, Clone, Copy)]
+struct RangeBlock<const K: usize> {
+    span: Span<K>,
+    end: [f64; K],
+}
+
+state! { [const K: usize] RangeBlock<K> { span, end } }
+
 #[derive(Debug, Clone)]
-pub(super) struct Path<const K: usize> {
-    blocks: [Span<K>; KEPT],
-    /// The newest sample of each block.
-    ends: [[f64; K]; KEPT],
+pub(super) struct RangeHistory<const K: usize> {
+    blocks: History<RangeBlock<K>, KEPT>,
     last: Option<(Stamp, [f64; K])>,
-    /// First and newest block.
-    begin: u64,
-    end: u64,
     /// Cache of the last query: first and last block, and their range.
     known: (u64, u64, Span<K>),
 }
 
-state! { [const K: usize] Path<K> { blocks, ends, last, begin, end, known } }
+state! { [const K: usize] RangeHistory<K> { blocks, last, known } }
 
-impl<const K: usize> Path<K> {
+impl<const K: usize> RangeHistory<K> {
     pub(super) const fn new() -> Self {
-        let known = (1, 0, Span::NOTHING);
-        Self { blocks: [Span::NOTHING; KEPT], ends: [[0.0; K]; KEPT], last: None, begin: 0, end: 0, known }
+        let nothing = RangeBlock { span: Span::NOTHING, end: [0.0; K] };
+        Self { blocks: History::new(nothing), last: None, known: (1, 0, Span::NOTHING) }
     }
 
-    /// Forgets everything.
     pub(super) fn clear(&mut self) {
         self.last = None;
         self.known = (1, 0, Span::NOTHING);
     }
 
-    /// The newest sample.
     pub(super) fn last(&self) -> Option<&(Stamp, [f64; K])> {
         self.last.as_ref()
     }
 
     /// The newest block; it changes every 10 ms.
     pub(super) fn newest(&self) -> u64 {
-        self.end
+        self.blocks.end().saturating_sub(1)
     }
 
     /// Adds `point` at `stamp`; ignored unless newer than the last one.
@@ -102,46 +95,36 @@ impl<const K: usize> Path<K> {
         match self.last {
             Some((before, _)) if before >= stamp => return,
             Some((_, from)) => {
-                if let Some(span) = self.at(self.end) {
-                    span.include(point);
-                }
                 let mut line = Span::NOTHING;
                 line.include(&from);
                 line.include(point);
-                self.end = self.end.max(block.saturating_sub(KEPT as u64));
+                let grows = self.blocks.end() > block;
+                if let Some(newest) = self.blocks.newest_mut() {
+                    newest.span.include(point);
+                    newest.end = if grows { *point } else { newest.end };
+                }
+                let oldest = block.saturating_sub(KEPT as u64) + 1;
+                self.blocks.go_on_at(self.blocks.end().max(oldest));
                 // At most KEPT turns.
-                while self.end < block {
-                    self.end += 1;
-                    if let Some(span) = self.at(self.end) {
-                        *span = line;
-                    }
-                    self.end_with(point);
+                while self.blocks.end() <= block {
+                    self.blocks.push(RangeBlock { span: line, end: *point });
                 }
             }
             None => {
-                (self.begin, self.end) = (block, block);
-                if let Some(span) = self.at(block) {
-                    *span = Span { low: *point, high: *point };
-                }
+                self.blocks.restart(block);
+                self.blocks.push(RangeBlock { span: Span { low: *point, high: *point }, end: *point });
             }
         }
-        self.end_with(point);
         self.last = Some((stamp, *point));
     }
 
-    /// Adds a place to the newest block besides the samples; ignored before the first of these.
+    /// Adds a point to the newest block besides the samples; ignored before the first of these.
     pub(super) fn widen(&mut self, point: &[f64; K]) {
         if self.last.is_some()
             && point.iter().all(|number| number.is_finite())
-            && let Some(span) = self.at(self.end)
+            && let Some(newest) = self.blocks.newest_mut()
         {
-            span.include(point);
-        }
-    }
-
-    fn end_with(&mut self, point: &[f64; K]) {
-        if let Some(end) = self.ends.get_mut(self.end as usize % KEPT) {
-            *end = *point;
+            newest.span.include(point);
         }
     }
 
@@ -149,36 +132,28 @@ impl<const K: usize> Path<K> {
     /// unknown.
     pub(super) fn step(&self, block: u64) -> Option<[f64; K]> {
         self.last.as_ref()?;
-        let before = block.checked_sub(1).filter(|before| *before >= self.begin)?;
-        if block >= self.end || block + (KEPT as u64) < self.end + 2 {
+        if block >= self.newest() {
             return None;
         }
-        let mut step = *self.ends.get(block as usize % KEPT)?;
-        for (step, from) in step.iter_mut().zip(self.ends.get(before as usize % KEPT)?) {
-            *step -= from;
-        }
-        Some(step)
+        let (before, end) = (self.blocks.get(block.checked_sub(1)?)?.end, self.blocks.get(block)?.end);
+        Some(std::array::from_fn(|k| end[k] - before[k]))
     }
 
     /// When each block that is kept begins, and its newest sample, from the oldest on.
     pub(super) fn ends(&self) -> impl Iterator<Item = (Stamp, &[f64; K])> {
-        let oldest = self.begin.max(self.end.saturating_sub(KEPT as u64 - 1));
-        let blocks = self.last.is_some().then_some(oldest..=self.end).into_iter().flatten();
-        blocks.filter_map(|block| Some((Stamp(block * BLOCK_NS), self.ends.get(block as usize % KEPT)?)))
+        let blocks = self.last.is_some().then_some(self.blocks.begin()..self.blocks.end());
+        let blocks = blocks.into_iter().flatten();
+        blocks.filter_map(|block| Some((Stamp(block * BLOCK_NS), &self.blocks.get(block)?.end)))
     }
 
     /// The range of the samples at the ends of the blocks from `from` to `to`, as far as it is known, without
     /// what was added besides; `None` before the first sample.
     pub(super) fn span_of_ends(&self, from: Stamp, to: Stamp) -> Option<Span<K>> {
         self.last.as_ref()?;
-        let oldest = self.begin.max(self.end.saturating_sub(KEPT as u64 - 1));
-        let first = (from.0 / BLOCK_NS).clamp(oldest, self.end);
-        let last = (to.0 / BLOCK_NS).clamp(first, self.end);
+        let (first, last) = self.known_blocks(from, to);
         let mut span = Span::NOTHING;
-        for block in first..=last {
-            if let Some(end) = self.ends.get(block as usize % KEPT) {
-                span.include(end);
-            }
+        for block in (first..=last).filter_map(|block| self.blocks.get(block)) {
+            span.include(&block.end);
         }
         Some(span)
     }
@@ -187,31 +162,30 @@ impl<const K: usize> Path<K> {
     /// before the first sample.
     pub(super) fn span(&mut self, from: Stamp, to: Stamp) -> Option<Span<K>> {
         self.last.as_ref()?;
-        let oldest = self.begin.max(self.end.saturating_sub(KEPT as u64 - 1));
-        let first = (from.0 / BLOCK_NS).clamp(oldest, self.end);
-        let last = (to.0 / BLOCK_NS).clamp(first, self.end);
+        let (first, last) = self.known_blocks(from, to);
         // The newest block still grows; those before it do not.
-        let complete = last.min(self.end.saturating_sub(1));
+        let complete = last.min(self.newest().saturating_sub(1));
         if (self.known.0, self.known.1) != (first, complete) {
             let mut span = Span::NOTHING;
-            for block in first..=complete {
-                if let Some(held) = self.blocks.get(block as usize % KEPT) {
-                    span.merge(held);
-                }
+            for block in (first..=complete).filter_map(|block| self.blocks.get(block)) {
+                span.merge(&block.span);
             }
             self.known = (first, complete, span);
         }
         let (.., mut span) = self.known;
-        if last == self.end
-            && let Some(newest) = self.blocks.get(last as usize % KEPT)
+        if last == self.newest()
+            && let Some(newest) = self.blocks.get(last)
         {
-            span.merge(newest);
+            span.merge(&newest.span);
         }
         Some(span)
     }
 
-    fn at(&mut self, block: u64) -> Option<&mut Span<K>> {
-        self.blocks.get_mut(block as usize % KEPT)
+    /// The first and the last block from `from` to `to`, as far as they are known; else the nearest one.
+    fn known_blocks(&self, from: Stamp, to: Stamp) -> (u64, u64) {
+        let newest = self.newest();
+        let first = (from.0 / BLOCK_NS).clamp(self.blocks.begin().min(newest), newest);
+        (first, (to.0 / BLOCK_NS).clamp(first, newest))
     }
 }
 
@@ -224,8 +198,8 @@ mod tests {
     }
 
     /// One second of a ramp of 1/s, sampled every 7 ms.
-    fn ramp() -> Path<1> {
-        let mut path = Path::new();
+    fn ramp() -> RangeHistory<1> {
+        let mut path = RangeHistory::new();
         for t in (1000..2000).step_by(7) {
             path.push(ms(t), &[t as f64 * 1e-3]);
         }
@@ -245,7 +219,7 @@ mod tests {
 
     #[test]
     fn spans_by_the_memory_are_those_without_it() {
-        let mut path = Path::<1>::new();
+        let mut path = RangeHistory::<1>::new();
         for t in (1000..3000_u64).step_by(3) {
             path.push(ms(t), &[(t as f64 * 0.01).sin()]);
             let seen = path.span(ms(t.saturating_sub(200)), ms(t)).unwrap();
@@ -268,7 +242,7 @@ mod tests {
     #[test]
     fn what_is_not_known_is_the_nearest_that_is() {
         let mut path = ramp();
-        assert_eq!(Path::<1>::new().span(ms(0), ms(1)), None);
+        assert_eq!(RangeHistory::<1>::new().span(ms(0), ms(1)), None);
         let before = path.span(ms(10), ms(20)).unwrap();
         assert!(before.low[0] >= 1.0 && before.high[0] < 1.02);
         let after = path.span(ms(5000), ms(6000)).unwrap();
@@ -277,7 +251,7 @@ mod tests {
 
     #[test]
     fn gaps_are_lines_and_time_does_not_go_back() {
-        let mut path = Path::<1>::new();
+        let mut path = RangeHistory::<1>::new();
         path.push(ms(1000), &[0.0]);
         path.push(ms(1300), &[3.0]);
         path.push(ms(1200), &[99.0]);

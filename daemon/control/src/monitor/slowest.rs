@@ -3,7 +3,7 @@
 //! Contract: an arm with the same lag, of which a part is pure delay, smooths its commands less, and moves at
 //! least as far. Pure, bounded work.
 
-use super::path::{BLOCK_NS, Path};
+use super::path::{BLOCK_NS, RangeHistory};
 use crate::units::Stamp;
 
 /// Least lag of the filter \[s\].
@@ -35,7 +35,12 @@ impl Filter {
 }
 
 /// How far number `index` of what follows `commands` with lag `lag_s` \[s\] has moved from `begin` on.
-pub(super) fn moved<const K: usize>(commands: &Path<K>, index: usize, lag_s: f64, begin: Stamp) -> f64 {
+pub(super) fn moved<const K: usize>(
+    commands: &RangeHistory<K>,
+    index: usize,
+    lag_s: f64,
+    begin: Stamp,
+) -> f64 {
     let filter = Filter::new(lag_s, BLOCK_NS as f64 * 1e-9);
     let mut state = None;
     let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);

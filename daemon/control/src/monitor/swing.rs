@@ -8,7 +8,6 @@ const GROWTH: f64 = 1.05;
 /// Each amplitude follows the one before within this time \[ns\].
 const LONGEST_NS: i64 = 1_000_000_000;
 
-/// One joint.
 #[derive(Debug, Clone, Copy, Default)]
 struct Swing {
     /// Largest distance in the present swing, signed, and in the two before \[rad\].
@@ -19,7 +18,6 @@ struct Swing {
 
 state! { [] Swing { peaks, at } }
 
-/// All joints.
 #[derive(Debug, Clone)]
 pub(super) struct Swings<const J: usize> {
     joints: [Swing; J],

@@ -3,10 +3,10 @@
 //! The certificate uses only the model's sweeps, bounds and weights, no condensed matrix, so it also judges
 //! those.
 
-use super::behind::Arm;
+use super::behind::ArmState;
 use super::cost::{Cost, Weights};
 use super::limits::{Influence, inside};
-use super::model::{MotionRows, State, rollout};
+use super::model::{AxisVector, MotionRows, rollout};
 use super::plan::{ActiveLimits, AxisReport, SolvePath};
 use crate::qp::dual::{Bounds, DualActiveSet, Termination};
 use crate::qp::{KKT_TOLERANCE, QpStatus};
@@ -24,10 +24,10 @@ const REFINEMENTS: u32 = 4;
 pub(super) struct AxisProblem<'a, const N: usize> {
     pub cost: &'a Cost<N>,
     pub bounds: &'a Bounds<4, N>,
-    pub start: State,
+    pub start: AxisVector,
     /// The arm, positions counted from the same origin; read where the cost is that of the arm behind a
     /// servo.
-    pub arm: Arm<f64>,
+    pub arm: ArmState<f64>,
     /// (1−α)G_c² x_c + αG_f² g.
     pub pull: Weights<N>,
 }

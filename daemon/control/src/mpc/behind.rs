@@ -9,25 +9,25 @@ use std::ops::{Add, Mul};
 
 use nalgebra::Matrix6;
 
-use super::model::{MotionRows, State};
+use super::model::{AxisVector, MotionRows};
 use crate::qp::cholesky::Square;
 use crate::qp::dual::Rows;
 
 /// A scalar, or one per axis.
-pub(super) trait Quantity: Copy + Add<Output = Self> + Mul<f64, Output = Self> {}
-impl<T: Copy + Add<Output = T> + Mul<f64, Output = T>> Quantity for T {}
+pub(super) trait AxisScalar: Copy + Add<Output = Self> + Mul<f64, Output = Self> {}
+impl<T: Copy + Add<Output = T> + Mul<f64, Output = T>> AxisScalar for T {}
 
 /// Position and velocity of the arm; normalised.
-pub(super) type Arm<T> = [T; 2];
+pub(super) type ArmState<T> = [T; 2];
 
 /// The sampled servo, see the module.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Behind {
     /// Next arm state for each entry of this one.
-    arm: [Arm<f64>; 2],
+    arm: [ArmState<f64>; 2],
     /// Next arm state for each of position, velocity and acceleration of the command at the step's beginning,
     /// and its jerk.
-    command: [Arm<f64>; 4],
+    command: [ArmState<f64>; 4],
     /// ω² and 2ω \[1/step², 1/step\].
     spring: f64,
     damping: f64,
@@ -56,7 +56,7 @@ impl Behind {
 
     /// The arm one step later.
     #[inline(always)]
-    pub(super) fn ahead<T: Quantity>(&self, [y, w]: Arm<T>, [p, v, a]: [T; 3], u: T) -> Arm<T> {
+    pub(super) fn ahead<T: AxisScalar>(&self, [y, w]: ArmState<T>, [p, v, a]: [T; 3], u: T) -> ArmState<T> {
         let ([[yy, yw], [wy, ww]], [[py, pw], [vy, vw], [ay, aw], [uy, uw]]) = (self.arm, self.command);
         [
             (y * yy + w * wy) + ((p * py + v * vy) + (a * ay + u * uy)),
@@ -67,30 +67,30 @@ impl Behind {
     /// Forces on (arm, command, jerk) before a step from a force on the arm after it: the transpose of
     /// [`Self::ahead`].
     #[inline(always)]
-    pub(super) fn ahead_transposed<T: Quantity>(&self, [fy, fw]: Arm<T>) -> (Arm<T>, [T; 3], T) {
-        let of = |[y, w]: Arm<f64>| fy * y + fw * w;
+    pub(super) fn ahead_transposed<T: AxisScalar>(&self, [fy, fw]: ArmState<T>) -> (ArmState<T>, [T; 3], T) {
+        let of = |[y, w]: ArmState<f64>| fy * y + fw * w;
         let [p, v, a, u] = self.command.map(of);
         (self.arm.map(of), [p, v, a], u)
     }
 
     /// Acceleration, velocity and position of the arm, with the command at `p`.
     #[inline(always)]
-    pub(super) fn seen<T: Quantity>(&self, [y, w]: Arm<T>, p: T) -> [T; 3] {
+    pub(super) fn seen<T: AxisScalar>(&self, [y, w]: ArmState<T>, p: T) -> [T; 3] {
         [(p * self.spring + y * -self.spring) + w * -self.damping, w, y]
     }
 
     /// Forces on the arm and on the command's position from forces on what is seen: the transpose of
     /// [`Self::seen`].
     #[inline(always)]
-    pub(super) fn seen_transposed<T: Quantity>(&self, [fa, fw, fy]: [T; 3]) -> (Arm<T>, T) {
+    pub(super) fn seen_transposed<T: AxisScalar>(&self, [fa, fw, fy]: [T; 3]) -> (ArmState<T>, T) {
         ([fy + fa * -self.spring, fw + fa * -self.damping], fa * self.spring)
     }
 
     /// The arm along `motion` from `start` and `arm`: acceleration, velocity, position per step.
     pub(super) fn along<const N: usize>(
         &self,
-        start: &State,
-        arm: Arm<f64>,
+        start: &AxisVector,
+        arm: ArmState<f64>,
         motion: &MotionRows<N>,
     ) -> Rows<3, N> {
         let [jerks, accelerations, velocities, positions] = motion;
@@ -154,7 +154,7 @@ impl Behind {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::arm::servo::Servo;
+    use crate::arm::servo::ServoModel;
     use crate::mpc::model::rollout;
     use crate::units::AxisState;
 
@@ -162,7 +162,7 @@ mod tests {
     fn the_sampled_servo_is_the_servo_followed_in_small_steps() {
         let (step_s, group_delay_s) = (0.005, 0.030);
         let (behind, servo) =
-            (Behind::new(group_delay_s, step_s), Servo::new((group_delay_s * 1e9) as u64).unwrap());
+            (Behind::new(group_delay_s, step_s), ServoModel::new((group_delay_s * 1e9) as u64).unwrap());
         let start = AxisState { position: 0.003, velocity: 0.2, acceleration: -3.0 };
         let mut fine = AxisState { position: 0.001, velocity: 0.1, acceleration: 0.0 };
         let arm = [fine.position * 1e3, fine.velocity * 1e3 * step_s];

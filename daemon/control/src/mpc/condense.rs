@@ -3,14 +3,14 @@
 //! Used to build the cost once, to hand the rows to Clarabel, and as the second opinion of the sweeps in
 //! [`super::model`]. Normalised units.
 
-use super::model::{A, B, State};
+use super::model::{A, AxisVector, B};
 use crate::qp::cholesky::Square;
 
 /// Ã and B̃ of one axis.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Condensed<const N: usize> {
     /// Ã: block i−1 is Aⁱ (3 x 3), quantity by quantity.
-    pub free: [[State; 3]; N],
+    pub free: [[AxisVector; 3]; N],
     /// B̃ per quantity (position, velocity, acceleration): N x N, row i−1 is x_i, column j is u_j; zero for j
     /// ≥ i.
     pub forced: [Square<N>; 3],

@@ -1,12 +1,12 @@
 //! The objective of one axis: weights per quantity and step, its Hessian, its gradient.
 //!
 //! ½J = ½(1−α)‖G_c(x_c − x̃)‖² + ½α‖G_f(g − x̃)‖² + ½β‖ũ‖². H depends on α only, and not even on that when
-//! G_c = G_f; it is factored anew only when α has changed. The linear term needs no gain matrix: q = B̃ᵀ(…)
+//! G_c = G_f; it is factored again only when α has changed. The linear term needs no gain matrix: q = B̃ᵀ(…)
 //! is one backward sweep, cheaper than a dense N x 3N product.
 
-use super::behind::{Arm, Behind};
+use super::behind::{ArmState, Behind};
 use super::condense::Condensed;
-use super::model::{MotionRows, State, adjoint};
+use super::model::{AxisVector, MotionRows, adjoint};
 use crate::qp::cholesky::{Cholesky, Square};
 use crate::state::state;
 use crate::units::Trust;
@@ -137,7 +137,7 @@ impl<const N: usize> Cost<N> {
         self.inverse = other.inverse;
     }
 
-    /// Blend the weights for `trust`; factor H anew if it depends on α and α has changed. `false` when that
+    /// Blend the weights for `trust`; factor H again if it depends on α and α has changed. `false` when that
     /// fails, which [`Cost::new`] has made impossible up to rounding.
     #[inline]
     pub fn set_trust(&mut self, trust: Trust) -> bool {
@@ -194,7 +194,7 @@ impl<const N: usize> Cost<N> {
         self.alpha
     }
 
-    /// β.
+    /// β, the weight of effort.
     #[must_use]
     pub const fn effort(&self) -> f64 {
         self.effort
@@ -214,7 +214,7 @@ impl<const N: usize> Cost<N> {
 
     /// (1−α)G_c² x_c + αG_f² g, for `held` x_c and `references` g at steps 1 to N in normalised units.
     #[must_use]
-    pub fn pull(&self, held: &State, references: impl Iterator<Item = State>) -> Weights<N> {
+    pub fn pull(&self, held: &AxisVector, references: impl Iterator<Item = AxisVector>) -> Weights<N> {
         let (feedback, feedforward) = self.blended();
         let mut pull = [[0.0; N]; 3];
         let [on_acceleration, on_velocity, on_position] = &mut pull;
@@ -261,7 +261,7 @@ impl<const N: usize> Cost<N> {
     #[inline]
     pub(super) fn gradient(
         &self,
-        (start, arm): (&State, Arm<f64>),
+        (start, arm): (&AxisVector, ArmState<f64>),
         motion: &MotionRows<N>,
         pull: &Weights<N>,
         multipliers: &MotionRows<N>,
@@ -289,7 +289,7 @@ impl<const N: usize> Cost<N> {
         adjoint(&force)
     }
 
-    /// H⁻¹ v.
+    /// H⁻¹ v, by the factor of H.
     #[must_use]
     #[inline]
     pub fn solve(&self, v: &[f64; N]) -> [f64; N] {

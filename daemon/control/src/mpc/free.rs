@@ -11,7 +11,7 @@ use std::array::from_fn;
 use super::behind::Behind;
 use super::cost::{Cost, Weights};
 use super::lanes::{Coefficient, Lanes};
-use super::model::{Scale, State};
+use super::model::{AxisVector, Scale};
 use super::sweeps::{Begin, Sweep, errors, from_weights, roll, rolled};
 use crate::qp::dual::Bounds;
 use crate::units::AxisState;
@@ -345,7 +345,7 @@ impl<const N: usize> FreeOptimum<N> {
     }
 
     /// Normalised state at the start.
-    pub(super) fn start(&self, axis: usize) -> State {
+    pub(super) fn start(&self, axis: usize) -> AxisVector {
         self.start.map(|lanes| lanes.axis(axis))
     }
 

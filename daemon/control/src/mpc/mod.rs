@@ -45,7 +45,7 @@ use model::{MotionRows, Scale, rollout};
 /// Where a plan begins, per axis of the writing plane's frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Start {
-    /// The commanded state.
+    /// The state that is commanded, per axis.
     pub command: [AxisState; 3],
     /// The arm behind its servo; not read if there is none.
     pub arm: [AxisState; 3],
@@ -60,7 +60,7 @@ pub struct Mpc<const N: usize> {
     max_iterations: u32,
     /// α of the costs; NaN before the first plan.
     alpha: f64,
-    axes: Box<[Axis<N>; 3]>,
+    axes: Box<[AxisPlanner<N>; 3]>,
     free: Free<N>,
     set: Box<DualActiveSet<4, N, N>>,
 }
@@ -76,7 +76,7 @@ impl<const N: usize> std::fmt::Debug for Mpc<N> {
     }
 }
 
-struct Axis<const N: usize> {
+struct AxisPlanner<const N: usize> {
     cost: Cost<N>,
     /// Positions absolute \[mm\]; those of the working copy count from the start.
     rows: Bounds<4, N>,
@@ -84,7 +84,7 @@ struct Axis<const N: usize> {
     clarabel: Option<SoftRowQp>,
 }
 
-state! { [const N: usize] Axis<N> { cost, rows, shifted } present { clarabel } }
+state! { [const N: usize] AxisPlanner<N> { cost, rows, shifted } present { clarabel } }
 
 impl<const N: usize> Mpc<N> {
     /// Check the settings and compute everything constant.
@@ -110,7 +110,7 @@ impl<const N: usize> Mpc<N> {
                     Some(built.ok_or(MpcError::Clarabel { axis })?)
                 }
             };
-            Ok(Axis { cost, rows, shifted: rows, clarabel })
+            Ok(AxisPlanner { cost, rows, shifted: rows, clarabel })
         };
         let ([cx, cy, cz], [fx, fy, fz], [lx, ly, lz]) =
             (&settings.gains_feedback, &settings.gains_feedforward, &settings.limits());
@@ -153,6 +153,7 @@ impl<const N: usize> Mpc<N> {
     }
 
     /// The same with the arm at another position than the command.
+    #[expect(clippy::indexing_slicing, reason = "indices run over the three axes, the length of every array")]
     pub fn plan_behind(
         &mut self,
         Start { command: start, arm }: &Start,
@@ -170,23 +171,20 @@ impl<const N: usize> Mpc<N> {
         }
         let optimum = self.free.solve(&self.scale, (start, arm), conservative, preview);
         let mut jerks = [[0.0; N]; 3];
-        let inputs = start.iter().zip(arm).zip(conservative.iter().zip(preview));
-        let axes = self.axes.iter_mut().zip(inputs).zip(report.axes.iter_mut().zip(&mut jerks));
-        for (index, ((axis, ((start, arm), (held, references))), (report, jerks))) in axes.enumerate() {
-            let kkt_residual = optimum.residual(index);
-            let normalised =
-                if axis.clarabel.is_none() && optimum.inside(index) && kkt_residual <= KKT_TOLERANCE {
-                    let (path, status) = (SolvePath::Gain, QpStatus::Optimal);
-                    *report = AxisReport { path, status, kkt_residual, ..AxisReport::default() };
-                    optimum.jerks(index)
-                } else {
-                    let inputs = ([start, arm], held, references);
-                    let (normalised, found) =
-                        axis.solve(&optimum, index, &self.scale, inputs, cap, &mut self.set);
-                    *report = found;
-                    normalised
-                };
-            *jerks = normalised.map(|jerk| jerk * self.scale.jerk_inverse);
+        for k in 0..3 {
+            let (axis, kkt_residual) = (&mut self.axes[k], optimum.residual(k));
+            let normalised = if axis.clarabel.is_none() && optimum.inside(k) && kkt_residual <= KKT_TOLERANCE
+            {
+                let (path, status) = (SolvePath::Gain, QpStatus::Optimal);
+                report.axes[k] = AxisReport { path, status, kkt_residual, ..AxisReport::default() };
+                optimum.jerks(k)
+            } else {
+                let inputs = ([&start[k], &arm[k]], &conservative[k], &preview[k]);
+                let (normalised, found) = axis.solve(&optimum, k, &self.scale, inputs, cap, &mut self.set);
+                report.axes[k] = found;
+                normalised
+            };
+            jerks[k] = normalised.map(|jerk| jerk * self.scale.jerk_inverse);
         }
         if report.usable() {
             plan.step_s = self.step_s;
@@ -196,7 +194,7 @@ impl<const N: usize> Mpc<N> {
         report
     }
 
-    /// Blend costs anew if α has changed; `false` when an H cannot be factored.
+    /// Blend costs again if α has changed; `false` when an H cannot be factored.
     #[inline]
     fn set_trust(&mut self, trust: Trust) -> bool {
         trust.alpha() == self.alpha || self.blend(trust)
@@ -227,7 +225,7 @@ impl<const N: usize> Mpc<N> {
     }
 }
 
-impl<const N: usize> Axis<N> {
+impl<const N: usize> AxisPlanner<N> {
     /// Solves one axis that its lane could not: limits are active, numbers are non-finite, or Clarabel was
     /// selected. `inputs`: command and arm at the start, held target, references. Returns normalised jerks.
     ///

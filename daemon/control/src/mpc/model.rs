@@ -8,7 +8,7 @@ use crate::qp::dual::Rows;
 use crate::units::AxisState;
 
 /// Position, velocity, acceleration; normalised.
-pub type State = [f64; 3];
+pub type AxisVector = [f64; 3];
 
 /// Per step along the horizon: jerk u_{i−1}, then acceleration, velocity and position of x_i; normalised.
 /// The blocks of every row vector stand in this order.
@@ -17,7 +17,7 @@ pub type MotionRows<const N: usize> = Rows<4, N>;
 /// x_{i+1} = A x_i + B u_i.
 pub const A: [[f64; 3]; 3] = [[1.0, 1.0, 0.5], [0.0, 1.0, 1.0], [0.0, 0.0, 1.0]];
 /// See [`A`].
-pub const B: State = [1.0 / 6.0, 0.5, 1.0];
+pub const B: AxisVector = [1.0 / 6.0, 0.5, 1.0];
 
 /// Factors from SI to normalised units.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -47,7 +47,7 @@ impl Scale {
     /// `state` with its position counted from `origin_m`: keeps the digits of millimetres far from zero.
     #[must_use]
     #[inline]
-    pub fn normalised(&self, state: &AxisState, origin_m: f64) -> State {
+    pub fn normalised(&self, state: &AxisState, origin_m: f64) -> AxisVector {
         [
             (state.position - origin_m) * self.position,
             state.velocity * self.velocity,
@@ -59,7 +59,7 @@ impl Scale {
 /// The motion from `start` under `jerks`: the forward sweep.
 #[must_use]
 #[inline]
-pub fn rollout<const N: usize>(start: &State, jerks: &[f64; N]) -> MotionRows<N> {
+pub fn rollout<const N: usize>(start: &AxisVector, jerks: &[f64; N]) -> MotionRows<N> {
     let [mut p, mut v, mut a] = *start;
     let mut motion = [*jerks, [0.0; N], [0.0; N], [0.0; N]];
     let [_, accelerations, velocities, positions] = &mut motion;

@@ -59,9 +59,9 @@ pub enum SolvePath {
     Gain,
     /// The exact dual active set.
     ActiveSet,
-    /// The interior-point backend.
+    /// Solved by the interior-point backend.
     Clarabel,
-    /// No usable solution.
+    /// There is no usable solution.
     #[default]
     Failed,
 }
@@ -100,7 +100,7 @@ impl ActiveLimits {
 /// How one axis was solved.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct AxisReport {
-    /// The method used.
+    /// Which method found the solution.
     pub path: SolvePath,
     /// Whether the jerks may be used.
     pub status: QpStatus,

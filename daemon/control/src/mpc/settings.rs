@@ -25,9 +25,9 @@ pub struct MpcSettings {
     /// Group delay of the arm's servo, a critically damped filter of second order, behind which errors count
     /// \[s\]; 0: the arm is where the command is.
     pub servo_s: f64,
-    /// G_c per axis.
+    /// G_c of feedback, per axis.
     pub gains_feedback: [Gains; 3],
-    /// G_f per axis.
+    /// G_f of feedforward, per axis.
     pub gains_feedforward: [Gains; 3],
     /// β \[1/(mm/Δ³)²\].
     pub effort: f64,
@@ -38,7 +38,7 @@ pub struct MpcSettings {
     pub unlimited: bool,
     /// Penalties on the soft limits.
     pub soft_penalty: SoftPenalty,
-    /// Solver.
+    /// Solver of the plan's QP.
     pub backend: Backend,
     /// Ceiling on the solver's steps per axis and plan; a tick's budget may be smaller.
     pub max_iterations: u32,
@@ -62,7 +62,7 @@ pub enum MpcError {
     /// β out of range.
     #[error("MPC effort weight is {value}, must be within [1e-9, 1e9]")]
     Effort {
-        /// As given.
+        /// The refused value, as it was given.
         value: f64,
     },
     /// A gain out of range.
@@ -74,7 +74,7 @@ pub enum MpcError {
         axis: usize,
         /// `position`, `velocity` or `acceleration`.
         quantity: &'static str,
-        /// As given.
+        /// The refused value, as it was given.
         value: f64,
     },
     /// A decay out of range.
@@ -84,7 +84,7 @@ pub enum MpcError {
         kind: &'static str,
         /// Axis 0 = x, 1 = y, 2 = z.
         axis: usize,
-        /// As given.
+        /// The refused value, as it was given.
         value: f64,
     },
     /// A symmetric limit out of range.
@@ -96,11 +96,11 @@ pub enum MpcError {
         axis: usize,
         /// `jerk`, `acceleration` or `velocity`.
         quantity: &'static str,
-        /// As given.
+        /// The refused value, as it was given.
         value: f64,
-        /// Least legal value.
+        /// Smallest value that is legal, itself included.
         lowest: f64,
-        /// Greatest legal value.
+        /// Largest value that is legal, itself included.
         highest: f64,
         /// Unit of all three.
         unit: &'static str,
@@ -123,13 +123,13 @@ pub enum MpcError {
     Penalty {
         /// `acceleration`, `velocity` or `position`.
         quantity: &'static str,
-        /// As given.
+        /// The refused value, as it was given.
         value: f64,
     },
     /// No step allowed.
     #[error("MPC iteration cap is {value}, must be within [1, 10000]")]
     Iterations {
-        /// As given.
+        /// The refused value, as it was given.
         value: u32,
     },
     /// Gains and effort are too far apart for double precision.
@@ -149,7 +149,7 @@ pub enum MpcError {
     Swings {
         /// Axis 0 = x, 1 = y, 2 = z.
         axis: usize,
-        /// Trust α.
+        /// Trust α at which it happens.
         alpha: f64,
         /// Growth per second; 1: does not decay.
         per_s: f64,

@@ -7,7 +7,7 @@
 use nalgebra::{SMatrix, SVector, Schur};
 
 use super::{Mpc, MpcError, Plan};
-use crate::arm::servo::Servo;
+use crate::arm::servo::ServoModel;
 use crate::units::{AxisState, Trust};
 
 /// Position, velocity and acceleration of the command, position and velocity of the arm.
@@ -20,7 +20,7 @@ type Map = SMatrix<f64, STATES, STATES>;
 
 impl<const N: usize> Mpc<N> {
     /// Steady-state lag \[s\] of the arm behind a target at constant velocity, under feedback alone that
-    /// plans anew every `period_s` \[s\]. NaN if there is no steady state.
+    /// plans again every `period_s` \[s\]. NaN if there is no steady state.
     #[must_use]
     pub fn feedback_lag_s(&mut self, period_s: f64) -> f64 {
         let Some([map, ..]) = self.maps(Trust::NONE, period_s) else { return f64::NAN };
@@ -32,7 +32,7 @@ impl<const N: usize> Mpc<N> {
     }
 
     /// Whether the plan settles: a deviation from a target at rest decays if every tick of `period_s` \[s\]
-    /// plans anew, on every axis, at each of ten trusts. A plan with too short a horizon does not foresee
+    /// plans again, on every axis, at each of ten trusts. A plan with too short a horizon does not foresee
     /// that it will overshoot.
     ///
     /// # Errors
@@ -55,7 +55,7 @@ impl<const N: usize> Mpc<N> {
             return None;
         }
         let mut maps = [Map::zeros(); 3];
-        let servo = Servo::new((self.servo_s * 1e9).round() as u64);
+        let servo = ServoModel::new((self.servo_s * 1e9).round() as u64);
         let still = AxisState::at_rest(0.0);
         let [position, velocity, acceleration] = self.unit_deviations();
         // Without a servo the arm is at the command, and has no columns of its own.

@@ -7,7 +7,6 @@ use super::lanes::{Coefficient, Lanes};
 pub(super) struct Begin {
     pub(super) velocity: Lanes,
     pub(super) acceleration: Lanes,
-    /// Position and velocity.
     pub(super) arm: [Lanes; 2],
 }
 

@@ -13,7 +13,7 @@ mod scale;
 use crate::state::{choices, state};
 pub use queue::STEP_QUEUE_CAPACITY;
 pub use scale::{REST, SpeedScale, SpeedScaleSettings, TARGET_RMS, rests};
-pub(crate) use silence::Silence;
+pub(crate) use silence::PenSilence;
 pub use tracker::{PenCounters, PenTracker};
 
 use thiserror::Error;
@@ -86,18 +86,18 @@ pub struct GridStep {
     /// From k·Δ to the sample that closed the step \[m\]; zero for all but the newest of several steps that
     /// one sample closed, and after a jump.
     pub ahead: [f64; 2],
-    /// How long after k·Δ that sample is stamped \[ns\]; zero where `ahead` is not told.
+    /// How long after k·Δ that sample is stamped \[ns\]; zero where `ahead` is not known.
     pub ahead_ns: u64,
     /// Whether the displacement is motion.
     pub motion: Motion,
     /// The samples on both sides of k·Δ touch the paper.
     pub contact: bool,
-    /// Steps since the pen came to touch the paper or left it; counted anew from a start or a jump.
+    /// Steps since the pen came to touch the paper or left it; counted again from a start or a jump.
     pub contact_steps: u32,
 }
 
 /// Whether the pen touches the paper, and since when: hover is motion of its own kind.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Touch {
     /// The pen touches the paper.
     pub contact: bool,
@@ -146,7 +146,7 @@ choices! { PenRejection { NonFinite, OutOfRange, FromFuture, Repeat, TimeBackwar
 /// The evidence behind a refusal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PenRefusal {
-    /// Why.
+    /// Why it was decided so.
     pub why: PenRejection,
     /// Coordinate 0 or 1, if one caused it.
     pub axis: Option<u8>,

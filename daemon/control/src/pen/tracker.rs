@@ -29,7 +29,7 @@ pub struct PenCounters {
     pub time_backwards: u64,
     /// Refused: glitches, and the first sample of each jump.
     pub outliers: u64,
-    /// Accepted jumps.
+    /// Jumps that were confirmed and accepted.
     pub jumps: u64,
     /// Restarts of the grid (the first sample ever, and every gap).
     pub restarts: u64,
@@ -45,7 +45,7 @@ state! {
 }
 
 impl PenCounters {
-    /// All refused readings.
+    /// Readings that were refused, of all kinds.
     #[must_use]
     pub fn rejected(&self) -> u64 {
         self.non_finite

@@ -25,7 +25,7 @@ pub type BandFactors = [f32; BAND_LEADS];
 /// Factors of all predictors, in the order of [`PredictorKind::ALL`]; the oracle's stay 0.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct BandTable {
-    /// ALL.len() x BAND_LEADS.
+    /// Factors per predictor and lead.
     pub factors: [BandFactors; PredictorKind::ALL.len()],
 }
 

@@ -4,8 +4,8 @@
 use std::fmt::Debug;
 
 use super::online::WeightsError;
-use super::taught::Handed;
-use super::{OnlineWeights, Predictor, Seen};
+use super::taught::ListedPredictor;
+use super::{OnlineWeights, PenStep, Predictor};
 use crate::state::{Reader, State, StateError, Writer};
 
 /// A predictor of any type, for any thread.
@@ -37,7 +37,7 @@ pub(super) trait Member: AnyPredictor + State {
     }
 
     /// Writes the parameters in use into its part of `weights`.
-    fn tell(&self, _weights: &mut OnlineWeights) {}
+    fn write_weights(&self, _weights: &mut OnlineWeights) {}
 }
 
 impl Clone for Box<dyn Member> {
@@ -48,11 +48,11 @@ impl Clone for Box<dyn Member> {
 
 /// A predictor that does not learn online.
 #[derive(Debug, Clone)]
-pub(super) struct Plain<P>(pub(super) P);
+pub(super) struct OfflineMember<P>(pub(super) P);
 
 /// A predictor that does.
 #[derive(Debug, Clone)]
-pub(super) struct Pupil<P>(pub(super) P);
+pub(super) struct OnlineMember<P>(pub(super) P);
 
 macro_rules! predicts_as_its_own {
     ($wrapper:ident) => {
@@ -71,8 +71,8 @@ macro_rules! predicts_as_its_own {
                 self.0.observe(x);
             }
 
-            fn observe_pen(&mut self, seen: &Seen) {
-                self.0.observe_pen(seen);
+            fn observe_pen(&mut self, step: &PenStep) {
+                self.0.observe_pen(step);
             }
 
             fn preview_within(&self, limit: f64, out: &mut [[f64; 2]]) {
@@ -83,23 +83,23 @@ macro_rules! predicts_as_its_own {
                 self.0.reset();
             }
 
-            fn place(&mut self, index: u64, scale_m: f64) {
-                self.0.place(index, scale_m);
+            fn set_cursor(&mut self, index: u64, scale_m: f64) {
+                self.0.set_cursor(index, scale_m);
             }
         }
     };
 }
 
-predicts_as_its_own!(Plain);
-predicts_as_its_own!(Pupil);
+predicts_as_its_own!(OfflineMember);
+predicts_as_its_own!(OnlineMember);
 
-impl<P: Predictor + State + Clone + Debug + Send + Sync + 'static> Member for Plain<P> {
+impl<P: Predictor + State + Clone + Debug + Send + Sync + 'static> Member for OfflineMember<P> {
     fn copied(&self) -> Box<dyn Member> {
         Box::new(self.clone())
     }
 }
 
-impl<P: Handed> Member for Pupil<P> {
+impl<P: ListedPredictor> Member for OnlineMember<P> {
     fn copied(&self) -> Box<dyn Member> {
         Box::new(self.clone())
     }
@@ -112,7 +112,7 @@ impl<P: Handed> Member for Pupil<P> {
         self.0.take_over(P::part(weights))
     }
 
-    fn tell(&self, weights: &mut OnlineWeights) {
+    fn write_weights(&self, weights: &mut OnlineWeights) {
         *P::part_mut(weights) = *self.0.weights();
     }
 }

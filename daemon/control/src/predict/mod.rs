@@ -5,14 +5,13 @@
 //! last real input). Every displacement is per grid step Δ and normalised (see [`crate::pen::SpeedScale`]),
 //! never SI. [`Previewer`] is what the follower uses: metres in, predicted positions in metres out.
 //!
-//! *The unit of length* here, in [`crate::learn`] and in [`crate::skill`]: the running scale makes the RMS of
-//! a moving pen's steps 10 per axis ([`crate::pen::TARGET_RMS`]), whatever the hand and the size of the
+//! *The unit of length* here, in [`crate::learn`] and in [`crate::estimate`]: the running scale makes the RMS
+//! of a moving pen's steps 10 per axis ([`crate::pen::TARGET_RMS`]), whatever the hand and the size of the
 //! writing, so a step of ordinary motion is about 14 long (√2 · 10). Every bound or measure of a length says
 //! which it is: *per axis*, of each component, or *in the plane*, of the vector.
 
 pub mod models;
 pub mod bands;
-pub mod refine;
 mod member;
 mod online;
 mod online_weights;
@@ -33,9 +32,9 @@ pub use online::{LARGEST_DISPLACEMENT, ModelParameters, OnlineModel, WeightsErro
 pub use online_weights::OnlineWeights;
 pub use panel::{Panel, RollOut};
 pub use previewer::{PreviewError, PreviewReport, PreviewSettings, Previewer};
-pub use registry::{Entry, LONGEST_NAME, Needs, PredictorKind, Trained, kind_of};
-pub use step::{LearnStep, Seen};
-pub use taught::{Handed, Learning, Pace, Parameters, Taught};
+pub use registry::{Entry, LONGEST_NAME, Needs, NetworkPredictor, PredictorKind, kind_of};
+pub use step::{LearnStep, PenStep};
+pub use taught::{Learning, ListedPredictor, OnlinePredictor, Pace, ParametersOf};
 
 /// Longest preview in steps: N = 30 and the lead that dead time and pen age add.
 pub const MAX_PREVIEW: usize = 64;
@@ -46,8 +45,8 @@ pub trait Predictor {
     fn observe(&mut self, x: [f64; 2]);
 
     /// As `observe`, with what the pen knows besides. For predictors that look at contact.
-    fn observe_pen(&mut self, seen: &Seen) {
-        self.observe(seen.x);
+    fn observe_pen(&mut self, step: &PenStep) {
+        self.observe(step.x);
     }
 
     /// Predicts the next `out.len()` normalised displacements; `out[i]` is i+1 steps after the last observed
@@ -63,9 +62,9 @@ pub trait Predictor {
     /// Forgets the history; parameters stay.
     fn reset(&mut self);
 
-    /// Tells the newest closed grid index and the present scale \[m per unit\]. For predictors that replay a
+    /// Sets the newest closed grid index and the present scale \[m per unit\]. For predictors that replay a
     /// recording.
-    fn place(&mut self, _index: u64, _scale_m: f64) {}
+    fn set_cursor(&mut self, _index: u64, _scale_m: f64) {}
 }
 
 /// `x` shortened to `limit` if it is longer in the plane; non-finite values become NaN, so that they stay

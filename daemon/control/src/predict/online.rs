@@ -9,7 +9,7 @@ use std::fmt::Debug;
 use thiserror::Error;
 
 use crate::pen::TARGET_RMS;
-use crate::predict::Seen;
+use crate::predict::PenStep;
 
 /// A displacement with a component beyond this \[per axis\] is no motion in any unit: its square would swamp
 /// or overflow a learner's sums.
@@ -23,7 +23,7 @@ pub(crate) fn is_usable(x: [f64; 2]) -> bool {
 
 /// Parameters of a model with what they were made for; they reach the loop complete or not at all.
 pub trait ModelParameters: Copy + PartialEq + Debug + Send + Sync + 'static {
-    /// Name in messages.
+    /// Name of the model in messages.
     const MODEL: &'static str;
 
     /// Counts every change of the live parameters.
@@ -88,22 +88,22 @@ pub trait OnlineModel {
     fn observe(&mut self, x: [f64; 2]);
 
     /// As `learn`, with what the pen knows besides. For models that look at contact.
-    fn learn_pen(&mut self, seen: &Seen) -> [f64; 2] {
-        self.learn(seen.x)
+    fn learn_pen(&mut self, step: &PenStep) -> [f64; 2] {
+        self.learn(step.x)
     }
 
     /// As `observe`, with what the pen knows besides.
-    fn observe_pen(&mut self, seen: &Seen) {
-        self.observe(seen.x);
+    fn observe_pen(&mut self, step: &PenStep) {
+        self.observe(step.x);
     }
 
     /// Forgets the history; parameters and accumulators stay.
     fn reset_state(&mut self);
 
-    /// Present parameters.
+    /// The parameters as they are now.
     fn parameters(&self) -> &Self::Parameters;
 
-    /// Present memory.
+    /// What is remembered of the pen now.
     fn memory(&self) -> &Self::Memory;
 
     /// Replaces the parameters; accumulators and memory stay, so that learning continues at its present rate.
@@ -142,47 +142,47 @@ pub enum WeightsError {
     /// Delay outside its bounds.
     #[error("DyBM delay is {got} steps, legal are 2 to {max}")]
     Delay {
-        /// As given.
+        /// The refused value, as it was given.
         got: usize,
-        /// Longest.
+        /// Longest delay that is legal \[steps\].
         max: usize,
     },
     /// Number of traces outside its bounds.
     #[error("DyBM has {got} decay rates, legal are 1 to {max}")]
     Traces {
-        /// As given.
+        /// The refused value, as it was given.
         got: usize,
-        /// Most.
+        /// Largest number that is legal.
         max: usize,
     },
     /// A trace would never forget, or is NaN.
     #[error("DyBM decay rate is {got}, legal are 0 to below 1")]
     Decay {
-        /// As given.
+        /// The refused value, as it was given.
         got: f64,
     },
     /// A parameter is NaN, infinite or too large.
     #[error("{model} parameter is {got}, legal are finite values within ±{limit}")]
     Magnitude {
-        /// Whose.
+        /// Name of the model, as in the message.
         model: &'static str,
-        /// The parameter.
+        /// The number that is refused.
         got: f64,
-        /// Largest legal magnitude.
+        /// Largest magnitude that is legal, itself included.
         limit: f64,
     },
     /// A number of the learning rule is not usable.
     #[error("{model} setting {name} is {got}, legal are {min} to {max}")]
     Setting {
-        /// Whose.
+        /// Name of the model, as in the message.
         model: &'static str,
-        /// Which.
+        /// Name of the number, as in the message.
         name: &'static str,
-        /// As given.
+        /// The refused value, as it was given.
         got: f64,
-        /// Smallest legal value.
+        /// Smallest value that is legal, itself included.
         min: f64,
-        /// Largest legal value.
+        /// Largest value that is legal, itself included.
         max: f64,
     },
     /// Learned at another grid step.
@@ -191,7 +191,7 @@ pub enum WeightsError {
          the step"
     )]
     Step {
-        /// Whose.
+        /// Name of the model, as in the message.
         model: &'static str,
         /// Of the weights \[ns\].
         got_ns: u64,
@@ -201,11 +201,11 @@ pub enum WeightsError {
     /// Learned on displacements with another normalisation.
     #[error("{model} weights are for inputs of RMS {got}, the loop feeds RMS {wanted}: retrain")]
     InputScale {
-        /// Whose.
+        /// Name of the model, as in the message.
         model: &'static str,
-        /// Of the weights.
+        /// What the weights were made for.
         got: f64,
-        /// Of the loop.
+        /// What the loop has.
         wanted: f64,
     },
     /// Another delay or other decay rates: the memory would not fit.
@@ -233,7 +233,7 @@ pub enum WeightsError {
     /// A reservoir without usable dynamics.
     #[error("reservoir's recurrent matrix has spectral radius {got}: choose another seed")]
     Radius {
-        /// As computed.
+        /// The radius, as it was computed.
         got: f64,
     },
 }

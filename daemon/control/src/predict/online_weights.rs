@@ -7,7 +7,7 @@
 use super::bands::BandTable;
 use super::models::{self, Models, for_each_taught};
 use super::online::{ModelParameters, WeightsError};
-use super::taught::{Handed, Parameters, Taught};
+use super::taught::{ListedPredictor, OnlinePredictor, ParametersOf};
 use crate::state::{Reader, State, StateError, Writer};
 
 macro_rules! online_weights {
@@ -79,12 +79,12 @@ macro_rules! online_weights {
             }
         }
 
-        $($(#[cfg($when)])? impl Handed for models::$room::$model {
-            fn part(weights: &OnlineWeights) -> &Parameters<Self> {
+        $($(#[cfg($when)])? impl ListedPredictor for models::$room::$model {
+            fn part(weights: &OnlineWeights) -> &ParametersOf<Self> {
                 &weights.$part
             }
 
-            fn part_mut(weights: &mut OnlineWeights) -> &mut Parameters<Self> {
+            fn part_mut(weights: &mut OnlineWeights) -> &mut ParametersOf<Self> {
                 &mut weights.$part
             }
         })+

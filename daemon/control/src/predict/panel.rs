@@ -4,15 +4,15 @@
 //! panel, the learner calibrates error bands on one of its own, with the same code and the same steps, so the
 //! bands are those of the loop. Every predictor in the registry is a member.
 
-use super::member::{Member, Plain};
+use super::member::{Member, OfflineMember};
 use super::models::REGISTRY;
 use super::online::WeightsError;
 
-use super::{Hold, MAX_PREVIEW, Models, Needs, OnlineWeights, Oracle, PredictorKind, Seen};
+use super::{Hold, MAX_PREVIEW, Models, Needs, OnlineWeights, Oracle, PenStep, PredictorKind};
 use crate::state::{Reader, State, StateError, Writer, load_part, save_part};
 
 /// Answers for a predictor that is absent or has no history.
-const NOBODY: &Plain<Hold> = &Plain(Hold);
+const NOBODY: &OfflineMember<Hold> = &OfflineMember(Hold);
 
 /// Result of a roll-out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -23,7 +23,7 @@ pub struct RollOut {
     pub limited: u32,
 }
 
-/// All predictors.
+/// All predictors behind one interface.
 #[derive(Debug, Clone)]
 pub struct Panel {
     /// In the order of the registry; `None`: its requirements are missing.
@@ -65,14 +65,14 @@ impl Panel {
     }
 
     /// Remembers one real normalised displacement, and what the pen tells besides.
-    pub fn observe(&mut self, seen: &Seen) {
+    pub fn observe(&mut self, step: &PenStep) {
         for member in self.members.iter_mut().flatten() {
-            member.observe_pen(seen);
+            member.observe_pen(step);
         }
         self.knows = true;
     }
 
-    /// Empties all memories.
+    /// Empties the memories of all predictors.
     pub fn forget(&mut self) {
         for member in self.members.iter_mut().flatten() {
             member.reset();
@@ -141,21 +141,21 @@ impl Panel {
     /// Gives the recorded future to the oracle.
     pub(super) fn load(&mut self, oracle: Oracle) {
         if let Some(member) = self.members.get_mut(PredictorKind::ORACLE.index()) {
-            *member = Some(Box::new(Plain(oracle)));
+            *member = Some(Box::new(OfflineMember(oracle)));
         }
     }
 
     /// Tells the position of the loop on the grid.
-    pub(super) fn place(&mut self, index: u64, scale_m: f64) {
+    pub(super) fn set_cursor(&mut self, index: u64, scale_m: f64) {
         for member in self.members.iter_mut().flatten() {
-            member.place(index, scale_m);
+            member.set_cursor(index, scale_m);
         }
     }
 
     /// Writes the parameters in use into `weights`.
-    pub(super) fn tell(&self, weights: &mut OnlineWeights) {
+    pub(super) fn write_weights(&self, weights: &mut OnlineWeights) {
         for member in self.members.iter().flatten() {
-            member.tell(weights);
+            member.write_weights(weights);
         }
     }
 

@@ -15,7 +15,7 @@ use super::bands::{self, BandTable, PreviewBands};
 use super::online::WeightsError;
 use super::{Models, Needs, OnlineWeights, Oracle, Panel, PredictorKind, RollOut};
 use crate::pen::{GridStep, Motion, PenError, SpeedScale, SpeedScaleSettings, TARGET_RMS};
-use crate::predict::{LearnStep, Seen};
+use crate::predict::{LearnStep, PenStep};
 
 /// What a previewer needs to start.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -28,7 +28,7 @@ pub struct PreviewSettings {
     pub limit_factor: f64,
     /// Decay per step of the recent peak, in (0, 1); 0.98 halves it in a third of a second at 10 ms.
     pub peak_fade: f64,
-    /// Normaliser.
+    /// How displacements are normalised.
     pub scale: SpeedScaleSettings,
 }
 
@@ -59,21 +59,21 @@ pub enum PreviewError {
          to 0.999"
     )]
     Limit {
-        /// As given.
+        /// The refused value, as it was given.
         limit_factor: f64,
-        /// As given.
+        /// The refused value, as it was given.
         peak_fade: f64,
     },
     /// No recording was loaded.
     #[error("predictor {predictor} needs a recording: it is for experiments, choose another predictor")]
     NoRecording {
-        /// Which.
+        /// Name of the number, as in the message.
         predictor: &'static str,
     },
     /// No trained network was loaded.
     #[error("predictor {predictor} needs a trained network: load one, or choose another predictor")]
     NoNetwork {
-        /// Which.
+        /// Name of the number, as in the message.
         predictor: &'static str,
     },
 }
@@ -164,33 +164,24 @@ impl Previewer {
             given => given,
         };
         self.newest = Some(*step);
-        let seen = if motion == Motion::Continues {
+        let mut pen = PenStep { touch: step.touch(), ..PenStep::default() };
+        if motion == Motion::Continues {
             self.scale.observe(step);
-            let x = self.scale.normalise(step.displacement);
-            let seen = Seen {
-                x,
-                half: self.scale.normalise(step.half),
-                ahead: self.scale.normalise(step.ahead),
-                ahead_s: step.ahead_ns as f64 * 1e-9,
-                touch: step.touch(),
-            };
-            self.remember(&seen);
-            seen
+            pen.x = self.scale.normalise(step.displacement);
+            pen.half = self.scale.normalise(step.half);
+            pen.ahead = self.scale.normalise(step.ahead);
+            pen.ahead_s = step.ahead_ns as f64 * 1e-9;
+            self.remember(&pen);
         } else {
             self.forget();
-            Seen::of([0.0; 2])
-        };
+        }
         let scale_m = self.scale.metres_per_unit();
-        self.panel.place(step.index, scale_m);
+        self.panel.set_cursor(step.index, scale_m);
         LearnStep {
             index: step.index,
-            x: seen.x,
-            half: seen.half,
-            ahead: seen.ahead,
-            ahead_s: seen.ahead_s,
             motion,
-            contact: step.contact,
-            contact_steps: step.contact_steps,
+            position: step.position,
+            pen,
             scale_m,
             limit: self.limit(),
             level: bands::level(self.level_square),
@@ -237,7 +228,7 @@ impl Previewer {
         self.panel.offers(kind)
     }
 
-    /// The active predictor.
+    /// The predictor that answers now.
     #[must_use]
     pub fn active(&self) -> PredictorKind {
         self.active
@@ -264,14 +255,8 @@ impl Previewer {
 
     /// Writes the weights in use into `weights`.
     pub fn tell_weights(&self, weights: &mut OnlineWeights) {
-        self.panel.tell(weights);
+        self.panel.write_weights(weights);
         (weights.version, weights.bands) = (self.version, self.bands);
-    }
-
-    /// All predictors and their memories.
-    #[must_use]
-    pub const fn panel(&self) -> &Panel {
-        &self.panel
     }
 
     /// Steps of ordinary motion since the memories were last emptied.
@@ -284,12 +269,6 @@ impl Previewer {
     #[must_use]
     pub fn newest(&self) -> Option<GridStep> {
         self.newest
-    }
-
-    /// Metres per normalised unit.
-    #[must_use]
-    pub fn scale_m(&self) -> f64 {
-        self.scale.metres_per_unit()
     }
 
     /// Clears all memories, e.g. when the pen is gone for good; the scale stays.
@@ -311,12 +290,12 @@ impl Previewer {
         self.scale.normalise(step.displacement).iter().all(|x| x.abs() <= LARGEST_OBSERVED)
     }
 
-    fn remember(&mut self, seen: &Seen) {
+    fn remember(&mut self, step: &PenStep) {
         self.history = self.history.saturating_add(1);
-        let [dx, dy] = seen.x;
+        let [dx, dy] = step.x;
         self.peak = dx.hypot(dy).max(self.peak * self.settings.peak_fade);
-        self.level_square = bands::level_square(self.level_square, seen.x);
-        self.panel.observe(seen);
+        self.level_square = bands::level_square(self.level_square, step.x);
+        self.panel.observe(step);
     }
 }
 

@@ -7,10 +7,10 @@
 
 use std::fmt;
 
-use super::member::{AnyPredictor, Member, Plain, Pupil};
+use super::member::{AnyPredictor, Member, OfflineMember, OnlineMember};
 use super::models::REGISTRY;
 use super::online::WeightsError;
-use super::taught::{Handed, Learning, Taught};
+use super::taught::{Learning, ListedPredictor, OnlinePredictor};
 use super::{Models, OnlineWeights, Predictor};
 use crate::state::{Blank, Reader, State, StateError, Writer};
 
@@ -29,16 +29,16 @@ pub enum Needs {
 }
 
 /// A predictor that consists of a network.
-pub trait Trained: Predictor + State + Clone + fmt::Debug + Send + Sync + Sized + 'static {
+pub trait NetworkPredictor: Predictor + State + Clone + fmt::Debug + Send + Sync + Sized + 'static {
     /// The predictor with empty memory, if its network was loaded.
     fn of(models: &Models) -> Option<Self>;
 }
 
 /// A member with empty memory; `None` if its requirements are missing.
-type Building = fn(&Models, &OnlineWeights) -> Result<Option<Box<dyn Member>>, WeightsError>;
+type BuildFn = fn(&Models, &OnlineWeights) -> Result<Option<Box<dyn Member>>, WeightsError>;
 
 /// The learner of a model, as a predictor.
-type Schooling = fn(&Models, &OnlineWeights) -> Result<Box<dyn AnyPredictor>, WeightsError>;
+type LearnerFn = fn(&Models, &OnlineWeights) -> Result<Box<dyn AnyPredictor>, WeightsError>;
 
 /// A line of the registry.
 #[derive(Debug, Clone, Copy)]
@@ -46,9 +46,9 @@ pub struct Entry {
     name: &'static str,
     about: &'static str,
     needs: Needs,
-    build: Building,
+    build: BuildFn,
     /// Only for predictors that learn.
-    learner: Option<Schooling>,
+    learner: Option<LearnerFn>,
     has: fn(&Models) -> bool,
 }
 
@@ -60,18 +60,18 @@ impl Entry {
     where
         P: Predictor + State + Default + Clone + fmt::Debug + Send + Sync + 'static,
     {
-        let build: Building = |_, _| Ok(Some(Box::new(Plain(P::default()))));
+        let build: BuildFn = |_, _| Ok(Some(Box::new(OfflineMember(P::default()))));
         Self { name, about, needs: Needs::Nothing, build, learner: None, has: |_| true }
     }
 
     /// A predictor that learns online.
     #[must_use]
-    pub const fn taught<P: Handed>(about: &'static str) -> Self {
-        let build: Building = |models, weights| {
+    pub const fn taught<P: ListedPredictor>(about: &'static str) -> Self {
+        let build: BuildFn = |models, weights| {
             let predictor = P::predictor(models, P::part(weights))?;
-            Ok(Some(Box::new(Pupil(predictor))))
+            Ok(Some(Box::new(OnlineMember(predictor))))
         };
-        let learner: Schooling =
+        let learner: LearnerFn =
             |models, weights| Ok(Box::new(Learning(P::learner(models, P::part(weights))?)));
         let needs = Needs::Nothing;
         Self { name: P::NAME, about, needs, build, learner: Some(learner), has: |_| true }
@@ -79,9 +79,10 @@ impl Entry {
 
     /// A predictor that consists of a network.
     #[must_use]
-    pub const fn trained<P: Trained>(name: &'static str, about: &'static str) -> Self {
-        let build: Building =
-            |models, _| Ok(P::of(models).map(|predictor| -> Box<dyn Member> { Box::new(Plain(predictor)) }));
+    pub const fn trained<P: NetworkPredictor>(name: &'static str, about: &'static str) -> Self {
+        let build: BuildFn = |models, _| {
+            Ok(P::of(models).map(|predictor| -> Box<dyn Member> { Box::new(OfflineMember(predictor)) }))
+        };
         let has = |models: &Models| P::of(models).is_some();
         Self { name, about, needs: Needs::Network, build, learner: None, has }
     }
@@ -143,17 +144,17 @@ impl PredictorKind {
     pub const HOLD: Self = known("hold");
     /// The baseline of the paper's Table 1.
     pub const CONSTANT_VELOCITY: Self = known("constant-velocity");
-    /// The paper's predictor.
+    /// The predictor of the paper, a linear DyBM.
     pub const DYBM: Self = known("dybm");
     /// The recorded future, for experiments.
     pub const ORACLE: Self = known("oracle");
-    /// The trained network.
+    /// The network that was trained offline.
     pub const LSTM: Self = known("lstm");
     /// The paper's predictor with a reservoir.
     pub const DYBM_ESN: Self = known("dybm-esn");
-    /// Recursive least squares.
+    /// Autoregression by recursive least squares.
     pub const AR_RLS: Self = known("ar-rls");
-    /// The preset.
+    /// The predictor of the presets.
     pub const MIXTURE: Self = known("mixture");
 }
 
@@ -162,10 +163,10 @@ impl PredictorKind {
     pub const ALL: [Self; REGISTRY.len()] = {
         let mut all = [Self(0); REGISTRY.len()];
         let mut rest: &mut [Self] = &mut all;
-        let mut place = 0;
+        let mut index = 0;
         while let [first, others @ ..] = rest {
-            first.0 = place;
-            place += 1;
+            first.0 = index;
+            index += 1;
             rest = others;
         }
         all
@@ -176,15 +177,15 @@ impl PredictorKind {
         let mut live = [Self(0); LIVE];
         let mut room: &mut [Self] = &mut live;
         let mut rest: &[Entry] = REGISTRY;
-        let mut place = 0;
+        let mut index = 0;
         while let [entry, others @ ..] = rest {
             if !matches!(entry.needs, Needs::Recording)
                 && let [first, left @ ..] = room
             {
-                first.0 = place;
+                first.0 = index;
                 room = left;
             }
-            place += 1;
+            index += 1;
             rest = others;
         }
         live
@@ -202,7 +203,7 @@ impl PredictorKind {
         names
     };
 
-    /// Place in [`Self::ALL`].
+    /// Index in [`Self::ALL`].
     #[must_use]
     pub const fn index(self) -> usize {
         self.0 as usize
@@ -291,12 +292,12 @@ impl PredictorKind {
     #[must_use]
     pub const fn from_name(name: &str) -> Option<Self> {
         let mut rest: &[Entry] = REGISTRY;
-        let mut place = 0;
+        let mut index = 0;
         while let [entry, others @ ..] = rest {
             if same(entry.name.as_bytes(), name.as_bytes()) {
-                return Some(Self(place));
+                return Some(Self(index));
             }
-            place += 1;
+            index += 1;
             rest = others;
         }
         None
@@ -330,7 +331,7 @@ impl fmt::Debug for PredictorKind {
 
 /// The kind of a model that learns.
 #[must_use]
-pub const fn kind_of<P: Taught>() -> PredictorKind {
+pub const fn kind_of<P: OnlinePredictor>() -> PredictorKind {
     const { known(P::NAME) }
 }
 
@@ -386,8 +387,8 @@ mod tests {
 
     #[test]
     fn a_kind_is_its_place_and_its_name() {
-        for (place, kind) in PredictorKind::ALL.into_iter().enumerate() {
-            assert_eq!((kind.index(), PredictorKind::from_name(kind.name())), (place, Some(kind)));
+        for (index, kind) in PredictorKind::ALL.into_iter().enumerate() {
+            assert_eq!((kind.index(), PredictorKind::from_name(kind.name())), (index, Some(kind)));
             assert_eq!(format!("{kind:?}"), kind.name());
         }
         for nobody in ["", "hol", "holdd", "Hold", "hold\0"] {

@@ -1,11 +1,12 @@
-//! A closed grid step as the learner receives it.
+//! One closed step of the pen grid as the law uses it: what predictors observe, and what learning and judging
+//! need besides.
 
-use crate::pen::{Motion, Touch};
+use crate::pen::{Motion, REST, Touch};
 
-/// What a predictor may see of one step.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Seen {
-    /// Normalised displacement.
+/// What predictors observe of one step, normalised.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct PenStep {
+    /// Normalised displacement of the step.
     pub x: [f64; 2],
     /// Its part in the first half of the step: devices faster than the grid tell more than its end.
     pub half: [f64; 2],
@@ -17,7 +18,7 @@ pub struct Seen {
     pub touch: Touch,
 }
 
-impl Seen {
+impl PenStep {
     /// An even displacement `x` of a pen on the paper: all that recordings of displacements hold.
     #[must_use]
     pub const fn of([x, y]: [f64; 2]) -> Self {
@@ -25,25 +26,17 @@ impl Seen {
     }
 }
 
-/// Input of the learner for one grid step; made by [`super::Previewer::observe`].
+/// One closed step for learning and judging; made by [`super::Previewer::observe`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LearnStep {
-    /// Grid index k.
+    /// Index k of the grid.
     pub index: u64,
-    /// Normalised displacement, zero unless the motion continues.
-    pub x: [f64; 2],
-    /// Its part in the first half of the step.
-    pub half: [f64; 2],
-    /// From the step's end to the newest sample, normalised; zero where that is not known.
-    pub ahead: [f64; 2],
-    /// How long after the step's end that sample is stamped \[s\].
-    pub ahead_s: f64,
     /// Only `Continues` is learned from; the others clear the memory.
     pub motion: Motion,
-    /// The pen touches the paper.
-    pub contact: bool,
-    /// Steps since it came to touch the paper or left it.
-    pub contact_steps: u32,
+    /// Position of the pen at its end, plane frame \[m\].
+    pub position: [f64; 2],
+    /// What predictors observe; no displacement unless the motion continues.
+    pub pen: PenStep,
     /// Metres per normalised unit.
     pub scale_m: f64,
     /// Bound on predicted displacements after this step, normalised \[in the plane\].
@@ -52,29 +45,16 @@ pub struct LearnStep {
     pub level: f64,
 }
 
-impl LearnStep {
-    /// What predictors see of it.
-    #[must_use]
-    pub const fn seen(&self) -> Seen {
-        let touch = Touch { contact: self.contact, steps: self.contact_steps };
-        Seen { x: self.x, half: self.half, ahead: self.ahead, ahead_s: self.ahead_s, touch }
-    }
-}
-
 impl Default for LearnStep {
     fn default() -> Self {
         Self {
             index: 0,
-            x: [0.0; 2],
-            half: [0.0; 2],
-            ahead: [0.0; 2],
-            ahead_s: 0.0,
             motion: Motion::default(),
-            contact: false,
-            contact_steps: 0,
+            position: [0.0; 2],
+            pen: PenStep::default(),
             scale_m: 1e-4,
             limit: f64::INFINITY,
-            level: crate::pen::REST,
+            level: REST,
         }
     }
 }

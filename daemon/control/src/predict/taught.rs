@@ -1,4 +1,4 @@
-//! `Taught`: the interface of a predictor that learns online to the panel, the learner and the set of
+//! `OnlinePredictor`: the interface of a predictor that learns online to panel, learner and the set of
 //! weights.
 //!
 //! Contract: a model states here how it starts, predicts and learns, all from [`Models`] and its own
@@ -8,13 +8,13 @@
 use std::fmt::Debug;
 
 use super::online::{ModelParameters, OnlineModel, WeightsError};
-use super::{Models, OnlineWeights, Predictor, Seen};
+use super::{Models, OnlineWeights, PenStep, Predictor};
 use crate::state::State;
 
 /// How a model's live weights follow its candidate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Pace {
-    /// Promoted when clearly better; a rollback returns to the weights before, and evidence begins anew.
+    /// Promoted when clearly better; a rollback returns to the weights before, and evidence begins again.
     Settled,
     /// Follows the candidate every few steps unless recent evidence is against it; a rollback returns to an
     /// anchor, which is renewed when the live weights have been no worse for long enough.
@@ -22,47 +22,47 @@ pub enum Pace {
 }
 
 /// A predictor whose parameters are learned elsewhere.
-pub trait Taught: Predictor + Clone + Debug + Send + Sync + Sized + 'static {
+pub trait OnlinePredictor: Predictor + Clone + Debug + Send + Sync + Sized + 'static {
     /// Its name in the registry.
     const NAME: &'static str;
     /// How its live weights follow the candidate.
     const PACE: Pace;
-    /// The learner.
+    /// What learns its parameters online.
     type Learner: OnlineModel + Clone + Debug + Send + Sync + 'static;
 
     /// The parameters before anything was learned.
-    fn start(models: &Models) -> Parameters<Self>;
+    fn start(models: &Models) -> ParametersOf<Self>;
 
     /// The predictor with empty memory.
     ///
     /// # Errors
     ///
     /// Parameters that are invalid or do not fit.
-    fn predictor(models: &Models, parameters: &Parameters<Self>) -> Result<Self, WeightsError>;
+    fn predictor(models: &Models, parameters: &ParametersOf<Self>) -> Result<Self, WeightsError>;
 
     /// The learner with empty memory.
     ///
     /// # Errors
     ///
     /// Settings outside their bounds; parameters that are invalid or do not fit.
-    fn learner(models: &Models, parameters: &Parameters<Self>) -> Result<Self::Learner, WeightsError>;
+    fn learner(models: &Models, parameters: &ParametersOf<Self>) -> Result<Self::Learner, WeightsError>;
 
-    /// Parameters in use.
-    fn weights(&self) -> &Parameters<Self>;
+    /// The parameters that are in use.
+    fn weights(&self) -> &ParametersOf<Self>;
 
     /// Exchanges the parameters and keeps the memory.
     ///
     /// # Errors
     ///
     /// Parameters that are invalid or do not fit (see [`ModelParameters::accepts`]); the old ones stay.
-    fn set_weights(&mut self, parameters: &Parameters<Self>) -> Result<(), WeightsError>;
+    fn set_weights(&mut self, parameters: &ParametersOf<Self>) -> Result<(), WeightsError>;
 
     /// Checks `parameters` as `set_weights` does; the version in use is not checked again.
     ///
     /// # Errors
     ///
     /// As `set_weights`.
-    fn judge(&self, parameters: &Parameters<Self>) -> Result<(), WeightsError> {
+    fn judge(&self, parameters: &ParametersOf<Self>) -> Result<(), WeightsError> {
         if parameters.version() == self.weights().version() {
             return Ok(());
         }
@@ -75,7 +75,7 @@ pub trait Taught: Predictor + Clone + Debug + Send + Sync + Sized + 'static {
     /// # Errors
     ///
     /// As `set_weights`.
-    fn take_over(&mut self, parameters: &Parameters<Self>) -> Result<(), WeightsError> {
+    fn take_over(&mut self, parameters: &ParametersOf<Self>) -> Result<(), WeightsError> {
         if parameters.version() == self.weights().version() {
             return Ok(());
         }
@@ -84,15 +84,15 @@ pub trait Taught: Predictor + Clone + Debug + Send + Sync + Sized + 'static {
 }
 
 /// θ of a predictor.
-pub type Parameters<P> = <<P as Taught>::Learner as OnlineModel>::Parameters;
+pub type ParametersOf<P> = <<P as OnlinePredictor>::Learner as OnlineModel>::Parameters;
 
 /// A predictor whose parameters are part of the learner's set; implemented by the list of those that learn.
-pub trait Handed: Taught + State {
+pub trait ListedPredictor: OnlinePredictor + State {
     /// Its part of the set.
-    fn part(weights: &OnlineWeights) -> &Parameters<Self>;
+    fn part(weights: &OnlineWeights) -> &ParametersOf<Self>;
 
     /// The same, to be changed.
-    fn part_mut(weights: &mut OnlineWeights) -> &mut Parameters<Self>;
+    fn part_mut(weights: &mut OnlineWeights) -> &mut ParametersOf<Self>;
 }
 
 /// A learner used as a predictor: it learns from every observation, without promotion.
@@ -104,8 +104,8 @@ impl<M: OnlineModel> Predictor for Learning<M> {
         self.0.learn(x);
     }
 
-    fn observe_pen(&mut self, seen: &Seen) {
-        self.0.learn_pen(seen);
+    fn observe_pen(&mut self, step: &PenStep) {
+        self.0.learn_pen(step);
     }
 
     fn preview_within(&self, limit: f64, out: &mut [[f64; 2]]) {

@@ -19,10 +19,10 @@ const FAR: f64 = 1e9;
 /// Interior-point steps; well-scaled problems take 10 to 25.
 const MAX_ITERATIONS: u32 = 60;
 
-/// Clarabel's settings.
+/// Which settings of Clarabel are used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum ClarabelProfile {
-    /// Clarabel's defaults.
+    /// The settings that Clarabel has by default.
     Default,
     /// Equilibration and iterative refinement off, tolerances 1e-8: more than twice as fast and as accurate,
     /// but only on data already scaled to the order of one.
@@ -35,7 +35,7 @@ pub enum ClarabelProfile {
 pub struct Solved {
     /// `Inexact` when clarabel reports success.
     pub status: QpStatus,
-    /// Interior-point steps.
+    /// Steps of the interior-point method.
     pub iterations: u32,
 }
 

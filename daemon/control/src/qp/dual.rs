@@ -30,7 +30,7 @@ const DEPENDENT: f64 = 1e-12;
 pub struct Bounds<const B: usize, const L: usize> {
     /// May be −∞; not above `upper`.
     pub lower: Rows<B, L>,
-    /// May be +∞.
+    /// Upper bounds; they may be +∞.
     pub upper: Rows<B, L>,
     /// ρ > 0 per unit of violation; +∞ makes the row hard.
     pub penalty: Rows<B, L>,
@@ -51,7 +51,7 @@ pub trait Gram<const B: usize, const L: usize> {
 pub enum Termination {
     /// No row is violated by more than the tolerance.
     Optimal,
-    /// Out of iterations.
+    /// The iterations did not suffice.
     IterationCap,
     /// Hard rows contradict each other.
     Infeasible,
@@ -83,7 +83,7 @@ state! {
 
 /// What ends a step.
 #[derive(Clone, Copy, PartialEq)]
-enum Block {
+enum StepEnd {
     Full,
     Own,
     Active { slot: usize, saturates: bool },
@@ -132,8 +132,8 @@ impl<const B: usize, const L: usize, const W: usize> DualActiveSet<B, L, W> {
                 iterations += 1;
                 match self.step(entering, &column, bounds, value) {
                     None => return (Termination::Infeasible, iterations),
-                    Some(Block::Active { .. }) => {}
-                    Some(Block::Full | Block::Own) => break,
+                    Some(StepEnd::Active { .. }) => {}
+                    Some(StepEnd::Full | StepEnd::Own) => break,
                 }
             }
         }
@@ -218,7 +218,7 @@ impl<const B: usize, const L: usize, const W: usize> DualActiveSet<B, L, W> {
         column: &Rows<B, L>,
         bounds: &Bounds<B, L>,
         value: &mut Rows<B, L>,
-    ) -> Option<Block> {
+    ) -> Option<StepEnd> {
         let count = self.count.min(W);
         let entries = column.as_flattened();
         let mut against = [0.0; W];
@@ -243,12 +243,12 @@ impl<const B: usize, const L: usize, const W: usize> DualActiveSet<B, L, W> {
         let saturated = z != 0.0 && sign * z < 0.0;
 
         let mut length = if saturated { z.abs() } else { penalty - z.abs() };
-        let mut block = Block::Own;
+        let mut block = StepEnd::Own;
         if independent {
             let full = violation.max(0.0) / curvature;
             if full <= length {
                 length = full;
-                block = Block::Full;
+                block = StepEnd::Full;
             }
         }
         for slot in 0..count {
@@ -263,7 +263,7 @@ impl<const B: usize, const L: usize, const W: usize> DualActiveSet<B, L, W> {
             };
             if room < length {
                 length = room;
-                block = Block::Active { slot, saturates: slope > 0.0 };
+                block = StepEnd::Active { slot, saturates: slope > 0.0 };
             }
         }
         let bounded = length < f64::INFINITY;
@@ -281,13 +281,13 @@ impl<const B: usize, const L: usize, const W: usize> DualActiveSet<B, L, W> {
         let multiplier = z + signed;
         self.multiplier.as_flattened_mut()[p] = multiplier;
         match block {
-            Block::Full => {
+            StepEnd::Full => {
                 let side = if saturated { -sign } else { sign };
                 self.append(p, side, column, &half, curvature);
             }
-            Block::Own if saturated => self.leave(p, 0.0, bounds),
-            Block::Own => self.leave(p, sign * penalty, bounds),
-            Block::Active { slot, saturates } => {
+            StepEnd::Own if saturated => self.leave(p, 0.0, bounds),
+            StepEnd::Own => self.leave(p, sign * penalty, bounds),
+            StepEnd::Active { slot, saturates } => {
                 let row = self.row[slot];
                 let bound = bounds.penalty.as_flattened()[row];
                 let end = if saturates { self.side[slot] * bound } else { 0.0 };

@@ -6,26 +6,24 @@ use crate::state::state;
 
 /// Rows of one tick, and the room that each leaves \[m/s\]: negative, the box can violate it by so much.
 #[derive(Debug, Clone)]
-pub(crate) struct Offered<const J: usize> {
+pub(crate) struct OfferedRows<const J: usize> {
     rows: RowSet<J>,
     room: [f64; 32],
 }
 
-state! { [const J: usize] Offered<J> { rows, room } }
+state! { [const J: usize] OfferedRows<J> { rows, room } }
 
-impl<const J: usize> Default for Offered<J> {
+impl<const J: usize> Default for OfferedRows<J> {
     fn default() -> Self {
         Self { rows: RowSet::default(), room: [0.0; 32] }
     }
 }
 
-impl<const J: usize> Offered<J> {
-    /// The rows offered.
+impl<const J: usize> OfferedRows<J> {
     pub(crate) fn rows(&self) -> &RowSet<J> {
         &self.rows
     }
 
-    /// No rows.
     pub(crate) fn clear(&mut self) {
         self.rows.clear();
     }

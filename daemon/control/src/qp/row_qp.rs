@@ -66,7 +66,7 @@ impl<const J: usize> RowSet<J> {
         }
     }
 
-    /// Removes all rows.
+    /// Removes all rows; the memory stays.
     pub fn clear(&mut self) {
         let rows = self.coefficients.as_flattened_mut().iter_mut().zip(self.lower.as_flattened_mut());
         for (row, bound) in rows.take(self.count) {
@@ -75,13 +75,13 @@ impl<const J: usize> RowSet<J> {
         self.count = 0;
     }
 
-    /// Number of rows.
+    /// Number of rows that it has.
     #[must_use]
     pub const fn len(&self) -> usize {
         self.count
     }
 
-    /// No rows.
+    /// It has no rows at all.
     #[must_use]
     pub const fn is_empty(&self) -> bool {
         self.count == 0
@@ -178,7 +178,7 @@ pub fn solve<const J: usize>(
             return RowSolution { iterations, x: inside, ..failed(QpStatus::Infeasible) };
         }
     }
-    let mut state = State { active: ActiveBounds::default(), held: 0, yielded: 0 };
+    let mut state = WorkingSet { active: ActiveBounds::default(), held: 0, yielded: 0 };
     for (row, side) in set.active() {
         match row.checked_sub(J) {
             None if side > 0.0 => state.active.upper |= 1 << row,
@@ -235,7 +235,7 @@ impl<const J: usize> Gram<4, J> for BoxAndRows<'_, J> {
 }
 
 /// What holds the solution.
-struct State {
+struct WorkingSet {
     active: ActiveBounds,
     held: u32,
     yielded: u32,
@@ -253,7 +253,7 @@ impl<const J: usize> RowProblem<'_, J> {
     /// Solves for the solution and the row multipliers again, from H itself instead of updated quantities: x
     /// = x₀ + H⁻¹Cᵀλ over the free coordinates, (C H⁻¹ Cᵀ) λ = b − C x₀ over the held rows.
     #[expect(clippy::indexing_slicing, reason = "every index runs over 0..J of an [_; J]")]
-    fn refined(&self, found: &[f64; J], state: &State) -> Option<([f64; J], Rows<BLOCKS, J>)> {
+    fn refined(&self, found: &[f64; J], state: &WorkingSet) -> Option<([f64; J], Rows<BLOCKS, J>)> {
         let free = |i: usize| (state.active.lower | state.active.upper) >> i & 1 == 0;
         let x = pinned(found, self.lower, self.upper, state.active);
         let mut right = [0.0; J];
@@ -320,7 +320,7 @@ impl<const J: usize> RowProblem<'_, J> {
     }
 
     /// Stationarity and the signs of all multipliers.
-    fn residual(&self, x: &[f64; J], multipliers: &Rows<BLOCKS, J>, state: &State) -> f64 {
+    fn residual(&self, x: &[f64; J], multipliers: &Rows<BLOCKS, J>, state: &WorkingSet) -> f64 {
         let mut worst = 0.0_f64;
         let mut scale = f64::MIN_POSITIVE;
         for (i, (row, g)) in self.h.iter().zip(self.g).enumerate() {
@@ -355,7 +355,7 @@ impl<const J: usize> RowProblem<'_, J> {
     }
 
     /// Every row is on the side that its multiplier requires.
-    fn rows_kept(&self, x: &[f64; J], state: &State) -> bool {
+    fn rows_kept(&self, x: &[f64; J], state: &WorkingSet) -> bool {
         self.rows.iter().enumerate().all(|(k, (c, bound))| {
             let slack = dot(c, x) - bound;
             if state.yielded >> k & 1 == 1 {

@@ -9,16 +9,16 @@ use crate::state::state;
 
 /// The factor on trust.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Headroom {
+pub(super) struct TrustHeadroom {
     /// Natural logarithm of the share justified now, at most 0.
     log_share: f64,
     /// The share last given.
     share: f64,
 }
 
-state! { [] Headroom { log_share, share } }
+state! { [] TrustHeadroom { log_share, share } }
 
-impl Headroom {
+impl TrustHeadroom {
     pub(super) const fn new() -> Self {
         Self { log_share: 0.0, share: 1.0 }
     }

@@ -4,8 +4,8 @@
 //! fault can make it jump (the paper ramps over 10 steps). The target is 0 whenever the preview has no value,
 //! and the reason is always given. In automatic mode past previews must have been better than Hold, over the
 //! leads that the plan uses, by a margin that is wider on the way up than on the way down
-//! ([`crate::skill::Skill`] keeps the record). The result is reduced if the arm lacks the headroom to follow
-//! it (`headroom`).
+//! ([`crate::estimate::skill::Skill`] keeps the record). The result is reduced if the arm lacks the headroom
+//! to follow it (`headroom`).
 
 mod headroom;
 mod outcome;
@@ -17,9 +17,9 @@ pub use parameters::{Hysteresis, TrustParameters};
 
 use thiserror::Error;
 
-use crate::skill::Record;
+use crate::estimate::skill::Record;
 use crate::units::Trust;
-use headroom::Headroom;
+use headroom::TrustHeadroom;
 
 /// How trust may move.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -37,9 +37,9 @@ pub struct TrustSettings {
     /// Judged cases of motion per lead before a preview is trusted in automatic mode.
     pub proof_cases: u32,
     /// Automatic mode trusts each step of the preview by its record, and corrects it by samples newer than
-    /// the grid ([`crate::skill::Skill`]). Off: the paper's scalar α over the unmodified preview.
+    /// the grid ([`crate::estimate::skill::Skill`]). Off: the paper's scalar α over the unmodified preview.
     pub per_step: bool,
-    /// Parameters of α.
+    /// Parameters of α, with their reasons.
     pub parameters: TrustParameters,
 }
 
@@ -67,7 +67,7 @@ pub enum TrustError {
     /// The ramp is shorter than a step, infinite or NaN.
     #[error("trust ramp is {got} steps, legal are 1 to 1000: the paper uses 10")]
     Ramp {
-        /// As given.
+        /// The refused value, as it was given.
         got: f64,
     },
     /// A limit below one grid step would never trust anything.
@@ -82,10 +82,10 @@ pub enum TrustError {
     },
 }
 
-/// Who decides.
+/// Who decides about the trust.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum TrustRequest {
-    /// The evidence.
+    /// The evidence decides, as automatic mode does.
     #[default]
     Auto,
     /// An operator; health still overrules.
@@ -121,7 +121,7 @@ impl State for TrustRequest {
 /// What one tick knows about the preview.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TrustInputs {
-    /// Who decides.
+    /// Who decides about the trust.
     pub request: TrustRequest,
     /// The follower moves the arm; if not, trust rests at 0.
     pub armed: bool,
@@ -163,11 +163,11 @@ pub enum TrustReason {
     PredictorInvalid,
     /// Another predictor takes over at α = 0.
     SwitchingPredictor,
-    /// The pen jumped: history starts anew (lasts until warmed up).
+    /// The pen jumped: history starts again (lasts until warmed up).
     Jump,
-    /// Too little history.
+    /// There is too little history yet.
     Warmup,
-    /// An operator's value.
+    /// A value that an operator set.
     Manual,
     /// The value frozen by an operator.
     Frozen,
@@ -192,61 +192,14 @@ pub enum TrustReason {
     Auto,
 }
 
-impl TrustReason {
-    /// Every reason, in the order in which they are judged.
-    pub const ALL: [Self; 17] = [
-        Self::Disarmed,
-        Self::Stale,
-        Self::PredictorInvalid,
-        Self::SwitchingPredictor,
-        Self::Jump,
-        Self::Warmup,
-        Self::Manual,
-        Self::Frozen,
-        Self::SolverUnhealthy,
-        Self::LearnerUnhealthy,
-        Self::Unproven,
-        Self::Surprised,
-        Self::WorseThanHold,
-        Self::WorseThanSteady,
-        Self::Hysteresis,
-        Self::ArmLimited,
-        Self::Auto,
-    ];
-
-    /// Name in reports.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Disarmed => "disarmed",
-            Self::Stale => "stale",
-            Self::PredictorInvalid => "predictor-invalid",
-            Self::SwitchingPredictor => "switching-predictor",
-            Self::Jump => "jump",
-            Self::Warmup => "warmup",
-            Self::Manual => "manual",
-            Self::Frozen => "frozen",
-            Self::SolverUnhealthy => "solver-unhealthy",
-            Self::LearnerUnhealthy => "learner-unhealthy",
-            Self::Unproven => "unproven",
-            Self::Surprised => "surprised",
-            Self::WorseThanHold => "worse-than-hold",
-            Self::WorseThanSteady => "worse-than-constant-velocity",
-            Self::Hysteresis => "hysteresis",
-            Self::ArmLimited => "arm-limited",
-            Self::Auto => "auto",
-        }
-    }
-}
-
 /// Trust after an update.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TrustReport {
     /// α to use now.
     pub alpha: Trust,
-    /// The target.
+    /// Where α is heading now.
     pub target: Trust,
-    /// Why.
+    /// Why it was decided so.
     pub reason: TrustReason,
 }
 
@@ -262,7 +215,7 @@ pub struct TrustControl {
     believed: bool,
     surprised: bool,
     unplanned: bool,
-    headroom: Headroom,
+    headroom: TrustHeadroom,
 }
 
 state! {
@@ -293,7 +246,7 @@ impl TrustControl {
             believed: true,
             surprised: false,
             unplanned: false,
-            headroom: Headroom::new(),
+            headroom: TrustHeadroom::new(),
         })
     }
 
@@ -303,7 +256,7 @@ impl TrustControl {
         let parameters = self.settings.parameters;
         let verdict = self.weigh(&inputs.record);
         if !inputs.armed || inputs.switching {
-            self.headroom = Headroom::new();
+            self.headroom = TrustHeadroom::new();
         } else if inputs.request == TrustRequest::Auto {
             let right = inputs.record.preview <= parameters.right * inputs.record.hold
                 && inputs.failed <= parameters.failed;

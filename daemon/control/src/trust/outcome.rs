@@ -171,14 +171,14 @@ mod tests {
 
     #[test]
     fn time_that_was_lost_is_no_error_of_an_arm_that_is_where_it_should_be() {
-        let followed = |tells: bool| {
+        let followed = |reported: bool| {
             let mut outcome = Outcome::new(PERIOD_NS, LAG_S, &TrustParameters::SHIPPED);
             let mut now = Stamp(1_000_000_000);
             for tick in 0..3000_u64 {
                 now = now + PERIOD_NS;
                 if tick % 200 == 199 {
                     now = now + 20 * PERIOD_NS;
-                    if tells {
+                    if reported {
                         outcome.break_off();
                     }
                 }
@@ -187,8 +187,8 @@ mod tests {
             }
             outcome.followed / outcome.held
         };
-        let [told, untold] = [true, false].map(followed);
-        assert!(told < 1e-4 && untold > 10.0 * told, "{told} {untold}");
+        let [known, unreported] = [true, false].map(followed);
+        assert!(known < 1e-4 && unreported > 10.0 * known, "{known} {unreported}");
     }
 
     #[test]

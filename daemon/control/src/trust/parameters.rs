@@ -51,7 +51,7 @@ pub struct TrustParameters {
     /// solver steps.
     pub failed_s: f64,
     /// Number of leads whose record decides, from the nearest one of the plan: later ones weigh little in a
-    /// plan that is made anew in every tick.
+    /// plan that is made again in every tick.
     pub leads_judged: usize,
     /// How long refused weights count against the learner, unless valid ones follow \[s\]: the memory of the
     /// record.
@@ -70,7 +70,7 @@ pub struct TrustParameters {
     /// Least headroom \[1\], from which an arm recovers within half a second.
     pub headroom_least: f64,
     /// Shares within this factor count as equal \[1\]: each change of the trust makes the plan factor its
-    /// costs anew.
+    /// costs again.
     pub headroom_same: f64,
 }
 

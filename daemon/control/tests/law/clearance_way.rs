@@ -3,7 +3,7 @@
 use crate::support::reaching::*;
 use foretrace_control::arm::Chain;
 use foretrace_control::clearance::way::MORE_M;
-use foretrace_control::clearance::{Clearance, ClearanceSettings, Looked, Obstacle, Way};
+use foretrace_control::clearance::{Clearance, ClearanceSettings, Obstacle, Way, WayCheck};
 use std::sync::LazyLock;
 
 static ARM: LazyLock<Chain<6>> = LazyLock::new(|| chain(UR5));
@@ -45,11 +45,11 @@ fn facing() -> f64 {
     nearest
 }
 
-fn looked(kept: &Clearance<6>, from: f64, to: f64) -> Looked {
+fn looked(kept: &Clearance<6>, from: f64, to: f64) -> WayCheck {
     let mut way = Way::new(Some(kept));
     way.begin(turned(from), turned(to));
     // At most a thousand checks, and one at the end.
-    let found = (0..1002).map(|_| kept.look_along(&ARM, &mut way)).find(|found| *found != Looked::SoFar);
+    let found = (0..1002).map(|_| kept.look_along(&ARM, &mut way)).find(|found| *found != WayCheck::SoFar);
     found.expect("it was looked along to the end")
 }
 
@@ -59,11 +59,11 @@ fn an_end_that_keeps_the_margin_is_as_good_as_any() {
     let (from, to) = (facing - 0.5, facing - 0.1);
     for (more, fine) in [(0.0, true), (-0.5, true), (-2.0, false), (500.0, true), (2000.0, true)] {
         let kept = wall_from(to, MARGIN_M + more * ROUNDING_M);
-        assert_eq!(looked(&kept, from, to) == Looked::Clear, fine, "{more} µm");
+        assert_eq!(looked(&kept, from, to) == WayCheck::Clear, fine, "{more} µm");
         // A path that begins there is allowed.
-        assert_eq!(looked(&kept, to, from), Looked::Clear, "{more} µm");
+        assert_eq!(looked(&kept, to, from), WayCheck::Clear, "{more} µm");
     }
-    let Looked::Blocked(by) = looked(&wall_from(to, 0.5 * MARGIN_M), from, to) else {
+    let WayCheck::Blocked(by) = looked(&wall_from(to, 0.5 * MARGIN_M), from, to) else {
         panic!("it ends in the margin")
     };
     assert!(by.distance_m < MARGIN_M && by.distance_m >= 0.5 * MARGIN_M && by.share > 0.8, "{by:?}");
@@ -75,11 +75,11 @@ fn on_the_way_a_millimetre_more_than_the_margin_is_kept() {
     for (more, fine) in [(1.05, true), (0.9, false), (0.1, false), (-0.5, false)] {
         let kept = wall_from(nearest, MARGIN_M + more * MORE_M);
         match looked(&kept, nearest - 0.6, nearest + 0.6) {
-            Looked::Blocked(by) => {
+            WayCheck::Blocked(by) => {
                 assert!(!fine && (by.share - 0.5).abs() < 0.1, "{more} mm: {by:?}");
                 assert!((by.distance_m - MARGIN_M).abs() < MORE_M, "{by:?}");
             }
-            found => assert!(fine && found == Looked::Clear, "{more} mm"),
+            found => assert!(fine && found == WayCheck::Clear, "{more} mm"),
         }
     }
 }
@@ -88,8 +88,8 @@ fn on_the_way_a_millimetre_more_than_the_margin_is_kept() {
 fn who_begins_in_the_margin_may_leave_it_and_not_come_nearer() {
     let facing = facing();
     let kept = wall_from(facing - 0.2, 0.4 * MARGIN_M);
-    assert_eq!(looked(&kept, facing - 0.2, facing - 0.5), Looked::Clear);
+    assert_eq!(looked(&kept, facing - 0.2, facing - 0.5), WayCheck::Clear);
     for to in [facing - 0.199, facing - 0.15] {
-        assert!(matches!(looked(&kept, facing - 0.2, to), Looked::Blocked(_)), "{to}");
+        assert!(matches!(looked(&kept, facing - 0.2, to), WayCheck::Blocked(_)), "{to}");
     }
 }

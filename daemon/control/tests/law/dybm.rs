@@ -7,7 +7,7 @@ use foretrace_control::predict::models::dybm::{
     DybmLearner, DybmSettings, DybmShape, DybmWeights, MAX_DELAY, MAX_TRACES, Optimiser, TraceInput,
     WeightsError,
 };
-use foretrace_control::predict::{Dybm, OnlineModel, Predictor, Taught};
+use foretrace_control::predict::{Dybm, OnlineModel, OnlinePredictor, Predictor};
 use reference::{close, numbers, pairs, parameters_differ_by, settings, worst};
 use serde_json::Value;
 

@@ -8,12 +8,13 @@ use foretrace_control::pen::{
 };
 use foretrace_control::predict::models::foresight::features::{HISTORY, block_of, kinds};
 use foretrace_control::predict::models::foresight::{
-    Dense, FEATURES, Foresight, ForesightError, ForesightSpec, ForesightWeights, History, Look, NAMES, SHAPES,
+    Dense, FEATURES, Foresight, ForesightError, ForesightSpec, ForesightWeights, Look, NAMES, PenHistory,
+    SHAPES,
 };
 use foretrace_control::predict::models::lstm::{LstmSpec, LstmTensors, LstmWeights};
-use foretrace_control::predict::models::mixture::{EXPERTS, LEADS, NODES, Present, Trained};
+use foretrace_control::predict::models::mixture::{EXPERTS, LEADS, NODES, Present, TrainedNetworks};
 use foretrace_control::predict::{
-    MixtureLearner, MixtureParameters, MixtureSettings, ModelSettings, Models, Networks, OnlineModel, Seen,
+    MixtureLearner, MixtureParameters, MixtureSettings, ModelSettings, Models, Networks, OnlineModel, PenStep,
 };
 use foretrace_control::units::Stamp;
 use rand::{RngExt as _, SeedableRng as _};
@@ -44,7 +45,7 @@ fn readings(seed: u64) -> Vec<PenReading> {
 fn looks(readings: &[PenReading]) -> Vec<(u64, Look)> {
     let mut tracker = PenTracker::new(PenSettings::default()).unwrap();
     let mut scale = SpeedScale::new(SpeedScaleSettings::default()).unwrap();
-    let mut history = History::EMPTY;
+    let mut history = PenHistory::EMPTY;
     let mut looks = Vec::new();
     for reading in readings {
         tracker.ingest(reading.stamp, reading);
@@ -54,9 +55,9 @@ fn looks(readings: &[PenReading]) -> Vec<(u64, Look)> {
                 let x = scale.normalise(step.displacement);
                 let (half, ahead) = (scale.normalise(step.half), scale.normalise(step.ahead));
                 let ahead_s = step.ahead_ns as f64 * 1e-9;
-                history.observe(&Seen { x, half, ahead, ahead_s, touch: step.touch() });
+                history.observe(&PenStep { x, half, ahead, ahead_s, touch: step.touch() });
             } else {
-                history = History::EMPTY;
+                history = PenHistory::EMPTY;
             }
             looks.push((step.index, history.look(0.01, block_of(0.01))));
         }
@@ -75,10 +76,10 @@ fn no_feature_changes_when_later_samples_are_cut_off() {
     }
 }
 
-fn history(steps: usize, touch: impl Fn(usize) -> Touch, way: impl Fn(f64) -> [f64; 2]) -> History {
-    let mut history = History::EMPTY;
+fn history(steps: usize, touch: impl Fn(usize) -> Touch, way: impl Fn(f64) -> [f64; 2]) -> PenHistory {
+    let mut history = PenHistory::EMPTY;
     for k in 0..steps {
-        history.observe(&Seen { touch: touch(k), ..Seen::of(way(k as f64)) });
+        history.observe(&PenStep { touch: touch(k), ..PenStep::of(way(k as f64)) });
     }
     history
 }
@@ -121,7 +122,7 @@ fn contact_age_and_rest_are_told() {
     assert!(rest.frame == [1.0, 0.0] && rest.features.iter().all(|f| f.is_finite()));
     // A jump begins a new history, as in the mixture.
     let mut jumped = history(20, ink, way);
-    jumped.observe(&Seen::of([500.0, 0.0]));
+    jumped.observe(&PenStep::of([500.0, 0.0]));
     assert_eq!(jumped.steps(), 1);
 }
 
@@ -155,7 +156,7 @@ fn the_answer_is_turned_back_into_the_plane() {
 
 /// Squared error of the mixture with the networks of `trained` six steps ahead, over the last half of a hand
 /// whose touch tells whether it moves in the next steps; and its parameters at the end.
-fn error_with(trained: Trained) -> (f64, MixtureParameters) {
+fn error_with(trained: TrainedNetworks) -> (f64, MixtureParameters) {
     let parameters = MixtureParameters::untrained(STEP_NS, &trained);
     let mut learner = MixtureLearner::new(MixtureSettings::default(), trained, parameters).unwrap();
     let mut rng = Pcg64::seed_from_u64(8);
@@ -174,7 +175,7 @@ fn error_with(trained: Trained) -> (f64, MixtureParameters) {
     let (mut error, mut count) = (0.0, 0.0);
     for (k, (x, contact)) in hand.iter().enumerate() {
         let touch = Touch { contact: *contact, steps: 0 };
-        learner.learn_pen(&Seen { touch, ..Seen::of(*x) });
+        learner.learn_pen(&PenStep { touch, ..PenStep::of(*x) });
         if k > hand.len() / 2 && k + 6 < hand.len() {
             let mut steps = [[0.0; 2]; 6];
             learner.preview(&mut steps);
@@ -190,8 +191,8 @@ fn error_with(trained: Trained) -> (f64, MixtureParameters) {
 
 #[test]
 fn the_mixture_believes_foresight_where_it_is_right_and_loses_little_where_it_is_not() {
-    let with = |weights| Trained { foresight: Some(weights), ..Trained::default() };
-    let (without, _) = error_with(Trained::default());
+    let with = |weights| TrainedNetworks { foresight: Some(weights), ..TrainedNetworks::default() };
+    let (without, _) = error_with(TrainedNetworks::default());
     let (right, parameters) = error_with(with(straight_on(1.2, 0.0)));
     let believed: f32 = parameters.shares()[5][EXPERTS - 3..].iter().sum();
     assert!(believed > 0.5, "{believed}");
@@ -217,7 +218,7 @@ fn the_last_expert_is_the_mean_of_both_corrected_networks_and_needs_both() {
     let foresight = Some(straight_on(1.2, 0.3));
     for (lstm, foresight) in [(lstm.clone(), foresight.clone()), (lstm, None), (None, foresight)] {
         let both = lstm.is_some() && foresight.is_some();
-        let trained = Trained { lstm, foresight };
+        let trained = TrainedNetworks { lstm, foresight };
         let parameters = MixtureParameters::untrained(STEP_NS, &trained);
         let mut learner = MixtureLearner::new(MixtureSettings::default(), trained, parameters).unwrap();
         for k in 0..300 {
@@ -239,7 +240,8 @@ fn the_last_expert_is_the_mean_of_both_corrected_networks_and_needs_both() {
 fn parameters_of_another_set_of_experts_are_refused() {
     let bare = MixtureParameters::untrained(STEP_NS, Present::default());
     let with = Present { foresight: true, ..Present::default() };
-    let mut learner = MixtureLearner::new(MixtureSettings::default(), Trained::default(), bare).unwrap();
+    let mut learner =
+        MixtureLearner::new(MixtureSettings::default(), TrainedNetworks::default(), bare).unwrap();
     let error = learner.continue_from(&MixtureParameters::untrained(STEP_NS, with)).unwrap_err();
     assert!(error.to_string().contains("foresight"), "{error}");
     // Without a network its experts have no weight.

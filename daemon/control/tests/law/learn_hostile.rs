@@ -3,13 +3,13 @@
 
 use crate::support;
 
-use crate::support::strokes::first_order;
+use crate::support::strokes::{first_order, on_paper};
 use crate::support::{STEP_NS, learner, models_with_network as models, preset, with_dybm as with};
 use foretrace_control::learn::{Leads, LearnError, Learner, LearnerSettings, Rule};
 use foretrace_control::pen::Motion;
-use foretrace_control::predict::LearnStep;
 use foretrace_control::predict::{
-    DybmWeights, InitialWeights, ModelSettings, Models, Networks, OnlineWeights, Optimiser, PredictorKind,
+    DybmWeights, InitialWeights, LearnStep, ModelSettings, Models, Networks, OnlineWeights, Optimiser,
+    PenStep, PredictorKind,
 };
 use proptest::prelude::*;
 
@@ -64,7 +64,7 @@ fn jumps_starts_and_wild_steps_teach_nothing() {
     }
     let before = learner.candidates();
     let updates = learner.counters().updates;
-    let step = |index, x, motion| LearnStep { index, x, motion, contact: true, ..LearnStep::default() };
+    let step = |index, x, motion| LearnStep { index, motion, pen: on_paper(x), ..LearnStep::default() };
     for lesson in [
         step(200, [5.0, 5.0], Motion::Jump),
         step(201, [5.0, 5.0], Motion::Start),
@@ -138,7 +138,8 @@ proptest! {
             index += if kind < 8 { 1 } else { advance };
             let motion = match kind { 0 => Motion::Start, 1 => Motion::Jump, _ => Motion::Continues };
             let y = if kind == 9 { wild } else { -x };
-            learner.learn(&LearnStep { index, x: [x, y], motion, ..LearnStep::default() });
+            let pen = PenStep { x: [x, y], ..PenStep::default() };
+            learner.learn(&LearnStep { index, motion, pen, ..LearnStep::default() });
             prop_assert!(learner.candidates().validate().is_ok() && learner.weights().validate().is_ok());
             let counters = learner.counters();
             prop_assert_eq!(

@@ -5,8 +5,8 @@ use std::sync::Arc;
 use foretrace_control::predict::models::lstm::{LstmSpec, LstmTensors, LstmWeights};
 use foretrace_control::predict::models::mixture::{EXPERTS, GATE, LEADS, NODE_COUNT, Present};
 use foretrace_control::predict::{
-    Mixture, MixtureLearner, MixtureParameters, MixtureSettings, ModelParameters, OnlineModel, Predictor,
-    Taught,
+    Mixture, MixtureLearner, MixtureParameters, MixtureSettings, ModelParameters, OnlineModel,
+    OnlinePredictor, Predictor,
 };
 use proptest::prelude::*;
 use rand_pcg::Pcg64;

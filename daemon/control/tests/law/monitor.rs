@@ -3,7 +3,7 @@
 use crate::support;
 use foretrace_control::arm::lag::LagEstimate;
 use foretrace_control::follower::FollowerError;
-use foretrace_control::monitor::{Known, Monitor, SlowArm, TrackingSettings};
+use foretrace_control::monitor::{ArmKnowledge, Monitor, SlowArm, TrackingSettings};
 use foretrace_control::predict::PredictorKind;
 use foretrace_control::stop::{StopCause, StopDetail};
 use foretrace_control::units::Stamp;
@@ -41,7 +41,7 @@ impl Rig {
     /// One tick: joint states as `measured`, with the tool `off` \[m\] where they put it, then the next
     /// command.
     fn tick_off(&mut self, measured: [f64; 3], off: [f64; 3], command: [f64; 3]) -> Option<StopDetail> {
-        let known = Known { lag: self.lag, response: None };
+        let known = ArmKnowledge { lag: self.lag, response: None };
         let tool_of = |q: &[f64; 3]| {
             let [x, y, z] = if *q == measured { off } else { [0.0; 3] };
             [x + LEVER_M * q[0], y, z]

@@ -6,7 +6,7 @@ use foretrace_control::pen::{GridStep, Motion, SpeedScaleSettings};
 use foretrace_control::predict::models::dybm::{DybmShape, TraceInput};
 use foretrace_control::predict::{
     ConstantVelocity, Dybm, DybmWeights, Hold, MAX_PREVIEW, ModelSettings, Models, OnlineWeights, Oracle,
-    Panel, Predictor, PredictorKind, PreviewError, PreviewSettings, Previewer, Seen,
+    Panel, PenStep, Predictor, PredictorKind, PreviewError, PreviewSettings, Previewer,
 };
 use proptest::prelude::*;
 
@@ -120,7 +120,7 @@ fn starts_jumps_and_lost_steps_empty_the_memory() {
         }
         assert_eq!(previewer.history(), 49);
         let learned = previewer.observe(&interruption);
-        assert!(learned.motion != Motion::Continues && learned.x == [0.0; 2]);
+        assert!(learned.motion != Motion::Continues && learned.pen.x == [0.0; 2]);
         assert_eq!(previewer.history(), 0);
         let mut out = [[0.0; 2]; 10];
         for kind in PredictorKind::LIVE {
@@ -137,7 +137,7 @@ fn diverging_weights_are_bounded_by_the_recent_peak_in_the_previewer_only() {
     let mut free = Dybm::new(weights).unwrap();
     let mut peak = 0.0_f64;
     for index in 0..100 {
-        let x = bounded.observe(&circle(index)).x;
+        let x = bounded.observe(&circle(index)).pen.x;
         peak = peak.max(circle(index).displacement[0].hypot(circle(index).displacement[1]));
         free.observe(x);
     }
@@ -210,7 +210,7 @@ fn preview_in_other_units_of_length_is_the_same_preview() {
             displacement: step.displacement.map(|d| d * unit),
             ..step
         };
-        assert_eq!(one.observe(&step).x, other.observe(&larger).x);
+        assert_eq!(one.observe(&step).pen.x, other.observe(&larger).pen.x);
         one.preview(&mut a);
         other.preview(&mut b);
         assert_eq!(a.map(|p| p.map(|p| p * unit)), b);
@@ -292,7 +292,7 @@ proptest! {
             let start = GridStep { index, position: [0.1, 0.2], contact: true, ..GridStep::default() };
             let step = GridStep { displacement: [x, y], motion, ..start };
             let learned = previewer.observe(&step);
-            prop_assert!(learned.x.iter().all(|x| x.is_finite()));
+            prop_assert!(learned.pen.x.iter().all(|x| x.is_finite()));
             for kind in PredictorKind::LIVE {
                 let report = previewer.preview_of(kind, &mut out).unwrap();
                 prop_assert!(out.as_flattened().iter().all(|p| p.is_finite()));
@@ -327,7 +327,7 @@ fn what_was_forgotten_is_in_no_preview() {
     let fresh = Panel::new(&models, &models.initial_weights()).unwrap();
     let mut used = fresh.clone();
     (0..60).map(f64::from).for_each(|t| {
-        used.observe(&Seen::of([10.0 + 4.0 * (0.3 * t).sin(), 8.0 * (0.2 * t).cos()]));
+        used.observe(&PenStep::of([10.0 + 4.0 * (0.3 * t).sin(), 8.0 * (0.2 * t).cos()]));
     });
     let path = |panel: &Panel, kind| {
         let mut path = [[0.0; 2]; 12];
@@ -344,8 +344,8 @@ fn what_was_forgotten_is_in_no_preview() {
         for kind in PredictorKind::LIVE {
             assert_eq!(path(&used, kind), path(&first, kind), "{kind:?}");
         }
-        used.observe(&Seen::of(x));
-        first.observe(&Seen::of(x));
+        used.observe(&PenStep::of(x));
+        first.observe(&PenStep::of(x));
     }
 }
 

@@ -179,7 +179,7 @@ fn a_hover_path_is_predicted_through_and_learned_from() {
             assert_eq!(output.trust.alpha.alpha(), 1.0, "{kind:?}, tick {tick}");
             assert!(!output.health.has(Health::PEN_JUMP), "{kind:?}, tick {tick}");
         }
-        assert!(outputs.iter().any(|output| output.learn_count > 0 && !output.learn[0].contact));
+        assert!(outputs.iter().any(|output| output.learn_count > 0 && !output.learn[0].pen.touch.contact));
         let counters = pair.learner.as_ref().unwrap().counters();
         // The very first step is a start; lifting and lowering interrupt nothing.
         assert_eq!(counters.interruptions, 1, "{kind:?}: {counters:?}");

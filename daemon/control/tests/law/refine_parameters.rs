@@ -2,10 +2,12 @@
 
 use crate::support::judging::Judge;
 use crate::support::settings;
+use foretrace_control::estimate::refine::{
+    Curve, CurvePart, CurveShape, Curves, RefineParameters, RefinePrior,
+};
+use foretrace_control::estimate::skill::SKILL_LEADS;
 use foretrace_control::follower::{Follower, FollowerError};
 use foretrace_control::predict::PredictorKind;
-use foretrace_control::predict::refine::{Curve, CurvePart, Curves, RefineParameters, RefinePrior, Shape};
-use foretrace_control::skill::SKILL_LEADS;
 use foretrace_control::units::Stamp;
 
 const UNIT_M: f64 = 1e-4;
@@ -38,7 +40,7 @@ fn write(skill: &mut Judge, steps: u32, noise_m: f64) -> Vec<[f64; 2]> {
         for (ahead, point) in (1..).map(f64::from).zip(&mut preview) {
             *point = [x + ahead * (x - px), y + ahead * (y - py)];
         }
-        skill.shoot([x, y], [x - px, y - py], &preview);
+        skill.preview([x, y], [x - px, y - py], &preview);
         for phase in [0.25, 0.5] {
             let expected = [x + phase * (x - px), y + phase * (y - py)];
             skill.sample(at(t + phase), pen(t + phase, noise_m), phase, expected);
@@ -73,7 +75,7 @@ fn every_parameter_changes_what_is_believed() {
         ("base", |p| p.prior.coarse.left.base = 0.5),
         ("amplitude", |p| p.prior.coarse.velocity.parts[0].as_mut().unwrap().amplitude = 0.2),
         ("part", |p| {
-            let part = CurvePart { amplitude: 0.5, shape: Shape::Rising, reach_steps: 4.0 };
+            let part = CurvePart { amplitude: 0.5, shape: CurveShape::Rising, reach_steps: 4.0 };
             p.prior.coarse.innovation.parts[1] = Some(part);
         }),
     ];
@@ -123,7 +125,7 @@ fn no_parameter_makes_a_tick_panic() {
         |p, v| p.observer.filter.forget_after_s = v,
         |p, v| p.prior.coarse.left.base = v,
         |p, v| {
-            let part = CurvePart { amplitude: v, shape: Shape::Growing, reach_steps: v };
+            let part = CurvePart { amplitude: v, shape: CurveShape::Growing, reach_steps: v };
             p.prior.coarse.velocity.parts = [Some(part); 2];
         },
     ];

@@ -1,6 +1,6 @@
 //! Skill: its results equal a regression over the same cases, and no input makes it fail.
 
-use foretrace_control::skill::{Record, SKILL_LEADS};
+use foretrace_control::estimate::skill::{Record, SKILL_LEADS};
 use foretrace_control::trust::{TrustControl, TrustInputs, TrustReason, TrustRequest, TrustSettings};
 use foretrace_control::units::Stamp;
 use rand::{Rng, RngExt, SeedableRng};
@@ -76,7 +76,7 @@ fn live(judge: &mut Judge, path: &[[f64; 2]], preview: Preview, phase: Option<f6
             continue;
         }
         let predicted = preview.at(path, k);
-        judge.shoot(path[k], minus(path[k], path[k - 1]), &predicted);
+        judge.preview(path[k], minus(path[k], path[k - 1]), &predicted);
         if let Some(phase) = phase {
             let position = between(path[k], path[k + 1], phase);
             judge.sample(at(k as f64 + phase), position, phase, between(path[k], predicted[0], phase));
@@ -94,7 +94,7 @@ fn what_a_newer_sample_says_takes_most_of_the_error_of_a_hand_that_wanders() {
     for k in 2000..2900 {
         judge.realise(path[k], UNIT_M);
         let predicted = Preview::Steady.at(&path, k);
-        judge.shoot(path[k], minus(path[k], path[k - 1]), &predicted);
+        judge.preview(path[k], minus(path[k], path[k - 1]), &predicted);
         let expected = between(path[k], predicted[0], 0.5);
         judge.sample(at(k as f64 + 0.5), between(path[k], path[k + 1], 0.5), 0.5, expected);
         for (lead, (raw, believed)) in (1..).zip(raw.iter_mut().zip(&mut believed)) {
@@ -177,7 +177,7 @@ fn every_part_of_a_step_is_learned_where_samples_are_many() {
         // Late by a third of a step, whatever the hand does.
         let late = |j: usize| between(path[k + j], path[k + j - 1], 0.33);
         let predicted: Vec<_> = (1..=4).map(late).collect();
-        judge.shoot(path[k], minus(path[k], path[k - 1]), &predicted);
+        judge.preview(path[k], minus(path[k], path[k - 1]), &predicted);
         for (part, phase) in phases.into_iter().enumerate() {
             let sample = between(path[k], path[k + 1], phase);
             judge.sample(at(k as f64 + phase), sample, phase, between(path[k], predicted[0], phase));
@@ -206,7 +206,7 @@ fn verdicts_on_the_wrong_way(per_step: bool) -> Vec<TrustReason> {
     let mut verdicts = Vec::new();
     for k in 1..path.len() - 1 {
         judge.realise(path[k], UNIT_M);
-        judge.shoot(path[k], minus(path[k], path[k - 1]), &Preview::Truth(-1.5).at(&path, k));
+        judge.preview(path[k], minus(path[k], path[k - 1]), &Preview::Truth(-1.5).at(&path, k));
         let inputs = TrustInputs {
             unplanned: 0.0,
             failed: 0.0,
@@ -270,7 +270,7 @@ fn leap_counts_nothing() {
     judge.realise([0.5, 0.5], UNIT_M);
     assert_eq!(told(&judge), before);
     // Previews made afterwards are judged again, and only they.
-    interrupted.shoot([0.02, 0.02], [0.0; 2], &[[0.03, 0.03]; SKILL_LEADS]);
+    interrupted.preview([0.02, 0.02], [0.0; 2], &[[0.03, 0.03]; SKILL_LEADS]);
     interrupted.realise([0.0205, 0.0205], UNIT_M);
     assert!(interrupted.record(1, 1).cases > before.2.cases.min(1.0));
     assert_eq!(interrupted.share(2).to_bits(), before.1[1], "lead 2 has not been judged again yet");
@@ -363,7 +363,7 @@ fn nothing_that_comes_in_leaves_its_range_or_turns_to_nan() {
             let phase = if rng.random_bool(0.8) { rng.random() } else { nasty(&mut rng, 3.0) };
             let unit = if rng.random_bool(0.8) { UNIT_M } else { nasty(&mut rng, 1e-3) };
             judge.realise(position, unit);
-            judge.shoot(base, velocity, &path);
+            judge.preview(base, velocity, &path);
             let stamp = Stamp(if rng.random_bool(0.9) {
                 10_000_000 * rng.random_range(0..900)
             } else {

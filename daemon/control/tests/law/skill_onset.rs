@@ -41,7 +41,7 @@ fn an_arm_away_from_its_limits_is_not_held_back_and_one_that_stands_tells_nothin
     let mut judge = Judge::new(STEP_S, true);
     let mut drive = |at_limit, ms: u32| {
         for _ in 0..ms {
-            judge.drove(at_limit, 1_000_000);
+            judge.record_motion(at_limit, 1_000_000);
         }
         judge.believed(4, predicted)[0] / predicted[0]
     };

@@ -1,9 +1,10 @@
 //! Shares and records of the skill against sums over all cases, recomputed at every step.
 
 use crate::support::judging::Judge;
+use foretrace_control::estimate::refine::Refiner;
+use foretrace_control::estimate::skill::{NewPreview, SKILL_LEADS, Skill, SkillParameters};
 use foretrace_control::pen::{Motion, TARGET_RMS};
-use foretrace_control::predict::refine::Refiner;
-use foretrace_control::skill::{Closed, Foreseen, Happened, SKILL_LEADS, Skill, SkillParameters};
+use foretrace_control::predict::LearnStep;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
@@ -75,7 +76,7 @@ fn shares_and_records_are_those_of_all_cases() {
             pen[k][axis] + 1.5 * way + rng.random_range(-4e-4..4e-4) * lead as f64
         };
         let path: Vec<_> = (1..=SKILL_LEADS).map(|lead| [noisy(lead, 0), noisy(lead, 1)]).collect();
-        skill.shoot(pen[k], velocity, &path);
+        skill.preview(pen[k], velocity, &path);
         shots.push(path);
         if k % 7 != 0 {
             continue;
@@ -117,10 +118,11 @@ fn surprise(lead: usize, radius_m: f64, cases: usize) -> f64 {
     for k in 0..cases + lead {
         let base = [1e-3 * k as f64, 0.0];
         let path: Vec<_> = (1..=SKILL_LEADS).map(|ahead| [base[0] + 1e-3 * ahead as f64, 5e-4]).collect();
-        let preview = Foreseen { base, velocity: [1e-3, 0.0], path: &path, claim: Some((lead, radius_m)) };
-        let next = Closed { motion: Motion::Continues, position: [base[0] + 1e-3, 0.0], unit_m: UNIT_M };
-        let happened = Happened { preview: Some(preview), closed: &[next], ..Happened::default() };
-        skill.learn(&mut refiner, &happened);
+        let claim = Some((lead, radius_m));
+        skill.record_preview(&NewPreview { base, velocity: [1e-3, 0.0], path: &path, claim });
+        let (motion, position) = (Motion::Continues, [base[0] + 1e-3, 0.0]);
+        let closed = LearnStep { motion, position, scale_m: UNIT_M, ..LearnStep::default() };
+        skill.judge(&mut refiner, &[closed]);
     }
     // The first claim is judged when its step closes, `lead` steps later.
     skill.report(1, 1).record.surprise

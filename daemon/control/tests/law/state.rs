@@ -1,5 +1,6 @@
 //! A law that was written out and read back carries on bit for bit, whatever it was doing.
 
+use crate::support::strokes::on_paper;
 use crate::support::{Bench, HOME, PERIOD_NS, learner, models_with_network, settings};
 use foretrace_control::arm::lag::Following;
 use foretrace_control::clearance::ClearanceSettings;
@@ -8,7 +9,7 @@ use foretrace_control::follower::{
 };
 use foretrace_control::mpc::Backend;
 use foretrace_control::pen::PenReading;
-use foretrace_control::predict::{OnlineWeights, PredictorKind};
+use foretrace_control::predict::{LearnStep, OnlineWeights, PredictorKind};
 use foretrace_control::qp::clarabel::ClarabelProfile;
 use foretrace_control::state::{self, StateError};
 use foretrace_control::units::Stamp;
@@ -116,13 +117,11 @@ fn every_predictor_carries_on_bit_for_bit() {
                 // A learner of its own: what counts is that weights come in at some time.
                 if tick.is_multiple_of(5) {
                     let [x, y] = curve(tick as f64 * 0.002);
-                    let x = [900.0 * x, 900.0 * y];
-                    let step = foretrace_control::predict::LearnStep {
+                    let step = LearnStep {
                         index: tick / 5,
-                        x,
                         motion: foretrace_control::pen::Motion::Continues,
-                        contact: true,
-                        ..Default::default()
+                        pen: on_paper([900.0 * x, 900.0 * y]),
+                        ..LearnStep::default()
                     };
                     if teacher.learn(&step).hand_over {
                         fresh = Some(Box::new(*teacher.weights()));

@@ -1,6 +1,6 @@
 //! Trust: the ramp never jumps, and every reason leads to the right target.
 
-use foretrace_control::skill::Record;
+use foretrace_control::estimate::skill::Record;
 use foretrace_control::trust::{
     TrustControl, TrustError, TrustInputs, TrustReason, TrustRequest, TrustSettings,
 };
@@ -312,12 +312,6 @@ fn frozen_trust_stays_whatever_the_evidence_says_but_not_whatever_happens() {
     assert_eq!(trust.update(&bad, TICK_NS).reason, TrustReason::Frozen);
     assert_eq!(trust.alpha(), Trust::FULL);
     assert_eq!(trust.update(&TrustInputs { jumped: true, ..bad }, TICK_NS).target, Trust::NONE);
-}
-
-#[test]
-fn names_are_distinct() {
-    let names: std::collections::BTreeSet<_> = TrustReason::ALL.iter().map(|r| r.name()).collect();
-    assert_eq!(names.len(), TrustReason::ALL.len());
 }
 
 #[test]

@@ -1,34 +1,50 @@
 //! The tick on ports inside this process, in simulated time.
 
 mod halts;
+mod ports;
 mod way_home;
 
 use std::cell::Cell;
 
-use foretrace_control::follower::{Refusal, Rung};
+use foretrace_control::follower::{EnableReading, JointReading, Rung};
 use foretrace_control::guard::CommandChecker;
 use foretrace_control::pen::PenReading;
 
 use super::*;
-use crate::ports::PEN_PER_TICK;
-use crate::ports::memory::{MemoryPeer, MemoryPorts, pair};
+use crate::ports::{PEN_PER_TICK, PortTally};
 use crate::testing::config;
+use ports::{MemoryPeer, MemoryPorts, pair};
 
-/// Each reading takes 100 ns, or as a test sets it; tests add the duration of a tick.
-struct TestClock(Cell<u64>, Cell<u64>);
+/// Simulated time; tests add the duration of a tick.
+struct TestClock {
+    now: Cell<u64>,
+    /// What each reading takes \[ns\].
+    reading_ns: Cell<u64>,
+    readings: Cell<u64>,
+    /// Each reading allocates.
+    wasteful: Cell<bool>,
+}
 
 impl Clock for TestClock {
     fn now(&self) -> Stamp {
-        self.0.set(self.0.get() + self.1.get());
-        Stamp(self.0.get())
+        self.readings.set(self.readings.get() + 1);
+        if self.wasteful.get() {
+            allocate();
+        }
+        self.now.set(self.now.get() + self.reading_ns.get());
+        Stamp(self.now.get())
     }
     fn sleep_until(&self, instant: Stamp) {
-        self.0.set(self.0.get().max(instant.0));
+        self.now.set(self.now.get().max(instant.0));
     }
 }
 
-struct Bench {
-    tick: Tick<10, MemoryPorts>,
+fn allocate() {
+    drop(std::hint::black_box(Box::new(0_u64)));
+}
+
+struct Bench<P = MemoryPorts> {
+    tick: Tick<10, P>,
     peer: MemoryPeer,
     ipc: IpcRings,
     learner: LearnerRings,
@@ -41,34 +57,49 @@ struct Bench {
 
 impl Bench {
     fn new() -> Self {
+        Self::with_ports(|ports| ports)
+    }
+}
+
+impl<P: Ports> Bench<P> {
+    fn with_ports(wrap: impl FnOnce(MemoryPorts) -> P) -> Self {
         let config = config();
         let settings = config.follower_settings();
         let checker = CommandChecker::new(settings.limits);
         let q = settings.ik.home;
         let (ports, peer) = pair();
         let (rings, ipc, learner) = rings();
-        let tick = Tick::new(Follower::new(settings).unwrap(), ports, rings, 100);
+        let tick = Tick::new(Follower::new(settings).unwrap(), wrap(ports), rings, 100);
         let joints = JointReading { stamp: Stamp(0), q, qd: [0.0; JOINTS], motion_allowed: true };
-        let clock = TestClock(Cell::new(0), Cell::new(100));
+        let clock = TestClock {
+            now: Cell::new(0),
+            reading_ns: Cell::new(100),
+            readings: Cell::new(0),
+            wasteful: Cell::new(false),
+        };
         Self { tick, peer, ipc, learner, clock, joints, checker, release: 10_000_000_000, index: 0 }
     }
 
     /// One period; the arm follows exactly.
     fn run(&mut self, late_ns: u64) -> TickFacts {
-        let period = self.tick.period_ns;
+        self.run_after(late_ns, 0)
+    }
+
+    /// The same after `skipped` periods.
+    fn run_after(&mut self, late_ns: u64, skipped: u64) -> TickFacts {
         self.joints.stamp = Stamp(self.release);
         self.peer.joints.push(self.joints).unwrap();
-        self.clock.0.set(self.release + late_ns);
-        let started = self.clock.now();
-        let wake = Wake {
-            index: self.index,
-            due: Stamp(self.release),
-            release: Stamp(self.release),
-            started,
-            skipped: 0,
-        };
+        self.run_silent(late_ns, skipped);
+        self.ipc.facts.pop().unwrap()
+    }
+
+    /// The same without a joint state.
+    fn run_silent(&mut self, late_ns: u64, skipped: u64) {
+        self.clock.now.set(self.release + late_ns);
+        let (release, started) = (Stamp(self.release), self.clock.now());
+        let wake = Wake { index: self.index, due: release, release, started, skipped };
         self.tick.run(&wake, &self.clock);
-        self.release += period;
+        self.release += self.tick.period_ns;
         self.index += 1;
         while let Ok(outgoing) = self.peer.commands.pop() {
             let command = outgoing.command;
@@ -76,16 +107,15 @@ impl Bench {
             self.joints.q = command.q;
             self.joints.qd = command.qd;
         }
-        self.ipc.facts.pop().unwrap()
     }
 
-    fn ask(&mut self, token: u64, request: Request) -> Answered {
+    fn ask(&mut self, token: u64, request: Request) -> LoopAnswer {
         self.ipc
-            .asked
-            .push(Asked { token, request, stamp: Stamp(self.release), sent: Stamp(self.release) })
+            .requests
+            .push(LoopRequest { token, request, stamp: Stamp(self.release), sent: Stamp(self.release) })
             .unwrap();
         self.run(0);
-        self.ipc.answered.pop().unwrap()
+        self.ipc.answers.pop().unwrap()
     }
 
     fn pen(&mut self, position: [f64; 2]) {
@@ -164,7 +194,9 @@ fn a_tick_too_late_to_solve_sheds_and_says_so() {
 #[test]
 fn a_slow_solver_is_not_shed_for_ever() {
     let mut bench = Bench::new();
-    bench.tick.usual_cost_ns = 10 * bench.tick.period_ns;
+    let release = Stamp(bench.release);
+    let wake = Wake { index: 0, due: release, release, started: release, skipped: 0 };
+    bench.tick.overruns.count(&wake, release.plus_ns(10 * bench.tick.period_ns), Solve::Done);
     assert!(!bench.run(0).given.budget.shed);
 }
 
@@ -172,16 +204,7 @@ fn a_slow_solver_is_not_shed_for_ever() {
 fn a_ring_that_nobody_empties_drops_the_newest_and_counts_it() {
     let mut bench = Bench::new();
     for _ in 0..FACTS + 10 {
-        let wake = Wake {
-            index: 0,
-            due: Stamp(bench.release),
-            release: Stamp(bench.release),
-            started: Stamp(bench.release),
-            skipped: 0,
-        };
-        bench.clock.0.set(bench.release);
-        bench.tick.run(&wake, &bench.clock);
-        bench.release += bench.tick.period_ns;
+        bench.run_silent(0, 0);
     }
     assert_eq!(bench.tick.tally.evidence_dropped, 10);
     let first = bench.ipc.facts.pop().unwrap();
@@ -240,18 +263,22 @@ fn corrupted_weights_are_refused_and_counted() {
 fn a_request_that_waited_too_long_is_not_carried_out_but_a_stop_is() {
     let mut bench = Bench::new();
     let long_ago = Stamp(bench.release - 1_500_000_000);
-    bench.ipc.asked.push(Asked { token: 1, request: Request::Arm, stamp: long_ago, sent: long_ago }).unwrap();
+    bench
+        .ipc
+        .requests
+        .push(LoopRequest { token: 1, request: Request::Arm, stamp: long_ago, sent: long_ago })
+        .unwrap();
     bench.run(0);
-    assert!(bench.ipc.answered.pop().is_err(), "an arm request of 1.5 s ago was carried out");
+    assert!(bench.ipc.answers.pop().is_err(), "an arm request of 1.5 s ago was carried out");
     // The first joint state arrived with the first tick.
     assert_eq!(bench.ask(2, Request::Arm).outcome, Ok(()));
     bench
         .ipc
-        .asked
-        .push(Asked { token: 3, request: Request::Stop, stamp: long_ago, sent: long_ago })
+        .requests
+        .push(LoopRequest { token: 3, request: Request::Stop, stamp: long_ago, sent: long_ago })
         .unwrap();
     bench.run(0);
-    assert_eq!(bench.ipc.answered.pop().unwrap().mode, Mode::Stopped);
+    assert_eq!(bench.ipc.answers.pop().unwrap().mode, Mode::Stopped);
 }
 
 #[test]
@@ -276,9 +303,9 @@ fn a_command_that_is_over_before_it_is_sent_stays_unsent_and_the_arm_goes_on_fro
     let before = bench.follow(800);
     let period = bench.tick.period_ns;
     // Each reading of the clock inside the step takes longer than a command is valid.
-    bench.clock.1.set(50_000_000);
+    bench.clock.reading_ns.set(50_000_000);
     let held_up = bench.run(0);
-    bench.clock.1.set(100);
+    bench.clock.reading_ns.set(100);
     assert!(held_up.not_sent && held_up.output.command.is_some());
     assert_eq!(held_up.ports.commands_sent, before.ports.commands_sent);
     assert_eq!((before.tally.commands_over, held_up.tally.commands_over), (0, 1));
@@ -289,4 +316,125 @@ fn a_command_that_is_over_before_it_is_sent_stays_unsent_and_the_arm_goes_on_fro
     assert!(after.given.unsent && !after.not_sent);
     assert_eq!((after.output.mode, after.output.stop_reason), (Mode::Stopped, StopReason::TimeLost));
     assert!(!bench.run(0).given.unsent);
+}
+
+/// Allocates once when it receives, and three times when it sends.
+struct Wasteful(MemoryPorts);
+
+impl Ports for Wasteful {
+    fn receive(&mut self, now: Stamp, inbox: &mut Inbox) {
+        allocate();
+        self.0.receive(now, inbox);
+    }
+    fn send(&mut self, now: Stamp, outgoing: &Outgoing) -> bool {
+        (0..3).for_each(|_| allocate());
+        self.0.send(now, outgoing)
+    }
+    fn tally(&self) -> &PortTally {
+        self.0.tally()
+    }
+}
+
+#[test]
+fn allocations_belong_to_the_ports_or_to_the_law() {
+    let mut bench = Bench::with_ports(Wasteful);
+    assert_eq!(bench.ask(1, Request::Arm).outcome, Ok(()));
+    let before = bench.run(0);
+    assert_eq!((before.port_allocations, before.law_allocations), (4, 0));
+    bench.clock.wasteful.set(true);
+    bench.clock.readings.set(0);
+    let last = bench.run(0);
+    // The first reading is the bench's own, before the tick.
+    let readings = bench.clock.readings.get() - 1;
+    assert_eq!((last.port_allocations, u64::from(last.law_allocations)), (4, readings));
+    assert_eq!(last.tally.port_allocations, before.tally.port_allocations + 4);
+    assert_eq!(last.tally.law_allocations, before.tally.law_allocations + readings);
+}
+
+#[test]
+fn skipped_periods_are_overruns_and_counted() {
+    let mut bench = Bench::new();
+    bench.run(0);
+    let late = bench.run_after(0, 3);
+    assert_eq!((late.tally.skipped, late.tally.overruns, late.tally.ticks), (3, 1, 2));
+    let punctual = bench.run(0);
+    assert_eq!((punctual.tally.skipped, punctual.tally.overruns), (3, 1));
+    // A tick that ends at its deadline is in time, a nanosecond later it is not.
+    bench.clock.readings.set(0);
+    bench.run(0);
+    let work_ns = 100 * bench.clock.readings.get();
+    let latest = bench.tick.period_ns - work_ns;
+    assert_eq!([latest, latest + 1].map(|late_ns| bench.run(late_ns).tally.overruns), [1, 2]);
+}
+
+#[test]
+fn the_newest_joint_state_stays_known_in_a_tick_without_one() {
+    let mut bench = Bench::new();
+    let first = bench.run(0);
+    assert_eq!(first.measured, Some((first.wake.release, bench.joints.q)));
+    bench.run_silent(0, 0);
+    let silent = bench.ipc.facts.pop().unwrap();
+    assert_eq!((silent.given.joints, silent.measured), (None, first.measured));
+    // Half a second later it is stale.
+    bench.release += 500_000_000;
+    bench.run_silent(0, 0);
+    assert_eq!(bench.ipc.facts.pop().unwrap().tally.joints_stale, 1);
+}
+
+#[test]
+fn pen_samples_and_grid_steps_that_find_no_room_are_owned_up_to() {
+    let mut bench = Bench::new();
+    for full in 0..SEEN_PEN / PEN_PER_TICK + 1 {
+        for k in 0..PEN_PER_TICK as u64 {
+            let reading = PenReading::new(Stamp(bench.release - 1_000_000 + k), [0.0; 2], true);
+            bench.peer.pen.push(reading).unwrap();
+        }
+        assert_eq!(bench.run(0).given.complete, full < SEEN_PEN / PEN_PER_TICK, "{full}");
+    }
+    let seen = bench.ipc.pen.pop().unwrap();
+    assert_eq!((seen.tick, bench.ipc.pen.slots()), (1, SEEN_PEN - 1));
+    // Five ticks make a grid step.
+    let last = bench.follow(5 * LEARN_STEPS as u64 + 100);
+    assert_eq!(bench.learner.learn.slots(), LEARN_STEPS);
+    assert!((1..=40).contains(&last.tally.learn_dropped), "{}", last.tally.learn_dropped);
+}
+
+#[test]
+fn the_state_of_the_law_goes_into_memory_that_waits_for_it() {
+    let mut bench = Bench::new();
+    bench.run(0);
+    assert!(bench.ipc.states.pop().is_err());
+    bench.ipc.blanks.push(vec![0; STATE_BYTES].into_boxed_slice()).unwrap();
+    let facts = bench.run(0);
+    let copy = bench.ipc.states.pop().unwrap();
+    let length = copy.length.unwrap();
+    assert_eq!(copy.tick, facts.tick);
+    let mut again = vec![0; STATE_BYTES];
+    assert_eq!(state::write(&bench.tick.follower, &mut again), Some(length));
+    assert!(copy.bytes[..length] == again[..length] && bench.ipc.blanks.slots() == 1);
+}
+
+#[test]
+fn page_faults_are_those_since_the_first_tick_and_read_every_few_ticks() {
+    let mut bench = Bench::new();
+    let first = bench.run(0).tally.faults_minor;
+    // More than the allocator keeps for reuse.
+    let pages: Vec<u8> = std::hint::black_box(vec![1; 40 << 20]);
+    for _ in 1..FAULT_TICKS {
+        assert_eq!(bench.run(0).tally.faults_minor, first);
+    }
+    let later = bench.run(0).tally.faults_minor;
+    assert!(first < 1000 && later > first, "{first}, {later}");
+    drop(pages);
+}
+
+#[test]
+fn the_newest_dead_man_message_reaches_the_law() {
+    let mut bench = Bench::new();
+    assert_eq!(bench.run(0).given.enable, None);
+    let message = |stop| EnableReading { stamp: Stamp(bench.release), stop };
+    let (first, newest) = (message(false), message(true));
+    bench.peer.enable.push(first).unwrap();
+    bench.peer.enable.push(newest).unwrap();
+    assert_eq!(bench.run(0).given.enable, Some(newest));
 }

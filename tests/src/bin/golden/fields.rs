@@ -235,8 +235,8 @@ pub(crate) fn append(output: &StepOutput<6>, values: &mut Vec<u64>) {
     ]);
     let steps = output.learn.iter().take(output.learn_count);
     let learn = steps.flat_map(|step| {
-        let numbers = [step.x[0], step.x[1], step.scale_m, step.limit, step.level].map(bits);
-        [step.index, step.motion as u64, u64::from(step.contact)].into_iter().chain(numbers)
+        let numbers = [step.pen.x[0], step.pen.x[1], step.scale_m, step.limit, step.level].map(bits);
+        [step.index, step.motion as u64, u64::from(step.pen.touch.contact)].into_iter().chain(numbers)
     });
     values.extend([u64::from(output.guard_altered), digest(learn)]);
     assert_eq!(values.len() - before, COUNT, "one value for each name");

@@ -1,21 +1,19 @@
 //! The law in front of one arm, tick by tick: an arm behind a socket, or a built-in one; stops and ticks are
-//! told.
+//! reported.
 
-use std::fmt::Write as _;
-use std::io::Write as _;
 use std::path::PathBuf;
 use std::time::Duration;
 
 use foretrace_config::Config;
 use foretrace_control::stop::StopReason;
-use foretrace_lab::closed_loop::{BenchArm, Flaws, Hand, Rival, Trial, Tried, rows};
+use foretrace_lab::closed_loop::{BenchArm, Flaws, Hand, Rival, TickTable, Trial, Tried, rows, table_lines};
 use foretrace_lab::experiments::{DeskArm, LawEntrant, Watched};
-use foretrace_lab::lockstep::{EffortUnit, LawHello, SocketArm, begin};
+use foretrace_lab::lockstep::{ArmEffortUnit, LawHello, SocketArm, begin};
 use serde_json::json;
 
-use super::{ClosedLoopArgs, print};
+use super::ClosedLoopArgs;
 use crate::failure::Failure;
-use crate::output::{note, say};
+use crate::output::{note, say, say_lines};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct TrialArgs {
@@ -69,15 +67,15 @@ pub(super) fn run(
         ));
     };
     let name = if trial.arm_socket.is_some() { "socket" } else { like.name() };
-    let mut table = trial.ticks.is_some().then(|| String::from(HEADING));
-    let (mut scores, mut told, mut stops) = (Vec::new(), Vec::new(), Vec::new());
-    for (place, hand) in hands.iter().enumerate() {
+    let mut table = trial.ticks.is_some().then(TickTable::default);
+    let (mut scores, mut trials, mut stops) = (Vec::new(), Vec::new(), Vec::new());
+    for (index, hand) in hands.iter().enumerate() {
         let (arm, effort) = arm(trial, config, &args.flaws(), like)?;
         let what =
             Trial { config, like, law, hand, stop_at_s: trial.stop_at, after_stop_s: trial.after_stop };
         let mut see = |sequence: usize, tick: &Watched<'_>| {
             if let Some(table) = &mut table {
-                row(table, place, sequence, tick);
+                table.add(index, sequence, tick);
             }
         };
         let tried: Tried = what.run(arm, &mut see).map_err(|error| {
@@ -87,7 +85,7 @@ pub(super) fn run(
             stops.push((hand, *stop));
         }
         scores.extend(tried.scores.iter().copied());
-        told.push(json!({
+        trials.push(json!({
             "file": hand.file, "writer": hand.writer, "effort": effort, "seconds": tried.seconds,
             "illegal": tried.illegal, "stop": tried.stop, "sequences": tried.scores,
         }));
@@ -95,7 +93,7 @@ pub(super) fn run(
     let rival = Rival::Law(law);
     let rows: Vec<_> = rows(rival, name, &scores, None).into_iter().collect();
     say!("{title}: {} sequences in front of {name}\n", scores.len());
-    print(&rows);
+    say_lines(table_lines(&rows));
     for (hand, stop) in &stops {
         let detail = &stop.detail;
         let who = if hand.writer.is_empty() { hand.file.clone() } else { hand.writer.clone() };
@@ -110,13 +108,10 @@ pub(super) fn run(
         );
     }
     if let (Some(file), Some(table)) = (&trial.ticks, &table) {
-        foretrace_sim::whole::write(file, |out| out.write_all(table.as_bytes())).map_err(|error| {
-            let what = format!("{} cannot be written: {error}", file.display());
-            Failure::failed(what, "choose a file in an existing folder with room that you may write to")
-        })?;
+        super::super::write_text(file, table.text())?;
         say!("ticks    {}", file.display());
     }
-    args.json.write(&json!({ "set": title, "arm": name, "rows": rows, "trials": told }))
+    args.json.write(&json!({ "set": title, "arm": name, "rows": rows, "trials": trials }))
 }
 
 fn one_law(rivals: &[Rival]) -> Result<LawEntrant, Failure> {
@@ -136,10 +131,10 @@ fn arm(
     config: &Config,
     flaws: &Flaws,
     like: BenchArm,
-) -> Result<(Box<dyn DeskArm>, EffortUnit), Failure> {
+) -> Result<(Box<dyn DeskArm>, ArmEffortUnit), Failure> {
     let home = config.robot().home;
     let Some(path) = &args.arm_socket else {
-        return Ok((flaws.of(like.kind(config)).built(home), EffortUnit::None));
+        return Ok((flaws.of(like.kind(config)).built(home), ArmEffortUnit::None));
     };
     let period_ns = config.settings().period_ns();
     let hello = LawHello { period_ns, begin: begin(period_ns), home };
@@ -147,37 +142,4 @@ fn arm(
         .map_err(|error| Failure::failed(error, ""))?;
     let effort = arm.hello().effort;
     Ok((Box::new(arm), effort))
-}
-
-const HEADING: &str = "hand,sequence,t_s,measured_s,pen_x_m,pen_y_m,contact,mode,stop,enabled,alpha,\
-    command_x_m,command_y_m,command_z_m,tool_x_m,tool_y_m,tool_z_m,\
-    q1,q2,q3,q4,q5,q6,qd1,qd2,qd3,qd4,qd5,qd6,\
-    measured_q1,measured_q2,measured_q3,measured_q4,measured_q5,measured_q6,\
-    effort1,effort2,effort3,effort4,effort5,effort6\n";
-
-/// A line of the table: numbers with all their digits, so that bits come back.
-fn row(table: &mut String, hand: usize, sequence: usize, tick: &Watched<'_>) {
-    let Watched { output, measured, .. } = tick;
-    let command = output.command.as_ref();
-    let (q, qd) = command.map_or(([f64::NAN; 6], [f64::NAN; 6]), |command| (command.q, command.qd));
-    let enabled = command.is_some_and(|command| command.enabled);
-    let measured_s = tick.t_s - tick.until.seconds_since(measured.stamp);
-    // Into a string nothing fails.
-    let _ = write!(
-        table,
-        "{hand},{sequence},{},{measured_s},{},{},{},{:?},{:?},{},{}",
-        tick.t_s,
-        output.pen_position[0],
-        output.pen_position[1],
-        u8::from(output.pen_contact),
-        output.mode,
-        output.stop_reason,
-        u8::from(enabled),
-        output.trust.alpha.alpha(),
-    );
-    let numbers = output.tool.iter().chain(&tick.tool).chain(&q).chain(&qd);
-    for number in numbers.chain(&measured.q).chain(&measured.effort) {
-        let _ = write!(table, ",{number}");
-    }
-    table.push('\n');
 }

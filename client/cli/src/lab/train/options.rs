@@ -1,13 +1,16 @@
 //! The options of `foretrace lab train`, combined with a recipe.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use foretrace_lab::train::foresight::Without;
-use foretrace_lab::train::{Augment, Network, Objective, Padding, Penalty, Plan, Recipe, Schedule, Units};
+use foretrace_lab::train::foresight::{self, Context, ForesightTraining, Study, Without, usual_plan};
+use foretrace_lab::train::{
+    Augment, LstmTraining, Padding, Penalty, Recipe, Schedule, TrainPlan, TrainingOptions, Units,
+};
 use foretrace_sim::data::Split;
 
 use crate::failure::Failure;
 use crate::output::JsonArgs;
+use crate::values;
 
 #[derive(Debug, clap::Args)]
 // So that a negative number gets the message with the legal range.
@@ -16,7 +19,7 @@ pub(crate) struct TrainArgs {
     /// Network to train: lstm10, lstm32 or lstm64, with as many cells; or foresight, the expert of the
     /// mixture that sees contact, direction and time
     #[arg(long, value_name = "NAME", default_value = "lstm10", value_parser = model)]
-    pub(super) model: Model,
+    pub(super) model: TrainedModel,
 
     /// Data-set folder; may be given several times
     #[arg(long, value_name = "DIR", required_unless_present = "bench")]
@@ -49,7 +52,7 @@ pub(crate) struct TrainArgs {
     pub(super) batch: Option<u32>,
 
     /// Learning rate, with one-cycle its peak [default: 1e-3; robust: 1e-2; foresight: 6e-3]
-    #[arg(long, value_name = "RATE", value_parser = rate)]
+    #[arg(long, value_name = "RATE", value_parser = values::number(1e-8..=1.0, "1e-8 to 1"))]
     pub(super) rate: Option<f64>,
 
     /// Seed of the initial weights, order, held-out writers and augmentation
@@ -62,7 +65,7 @@ pub(crate) struct TrainArgs {
 
     /// Step to train at [ms]: whole multiples of the device's step use every phase of its samples [default:
     /// its own; foresight: 10]
-    #[arg(long, value_name = "MS", value_parser = crate::play::source::positive)]
+    #[arg(long, value_name = "MS", value_parser = crate::values::positive)]
     pub(super) step_ms: Option<f64>,
 
     /// raw: the device's units over their RMS; normalised: over the loop's running speed scale, for any
@@ -92,15 +95,15 @@ pub(crate) struct TrainArgs {
 
     /// Exclude steps between strokes and steps longer than this many RMS from the targets, with all leads
     /// beyond them
-    #[arg(long, value_name = "RMS", value_parser = crate::play::source::positive)]
+    #[arg(long, value_name = "RMS", value_parser = crate::values::positive)]
     pub(super) gate: Option<f64>,
 
     /// Reset the state before inputs longer than this many RMS
-    #[arg(long, value_name = "RMS", value_parser = crate::play::source::positive)]
+    #[arg(long, value_name = "RMS", value_parser = crate::values::positive)]
     pub(super) reset_at_jump: Option<f64>,
 
     /// Clip the gradient's norm to this
-    #[arg(long, value_name = "NORM", value_parser = crate::play::source::positive)]
+    #[arg(long, value_name = "NORM", value_parser = crate::values::positive)]
     pub(super) limit_norm: Option<f64>,
 
     /// Augment the sequences in each epoch: scale=0.5..2, time=0.7..1.4, decimate=0.5, smooth=0.2, rotate=10,
@@ -110,11 +113,11 @@ pub(crate) struct TrainArgs {
     pub(super) augment: Option<Augment>,
 
     /// Leave inputs of foresight out: contact, direction, time, comma-separated
-    #[arg(long, value_name = "LIST", value_parser = super::foresight::without)]
+    #[arg(long, value_name = "LIST", value_parser = without)]
     pub(super) without: Option<Without>,
 
     /// Share of the writers held out to choose the best epoch
-    #[arg(long, value_name = "SHARE", default_value_t = 0.15, value_parser = share)]
+    #[arg(long, value_name = "SHARE", default_value_t = 0.15, value_parser = values::number(0.01..=0.9, "0.01 to 0.9"))]
     pub(super) hold_out: f64,
 
     /// Stop after this many epochs without a better held-out loss [default: 10; never with one-cycle]
@@ -147,7 +150,7 @@ pub(crate) struct TrainArgs {
 
 /// The networks that can be trained.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Model {
+pub(super) enum TrainedModel {
     /// With as many cells.
     Lstm(usize),
     /// The expert that sees contact, direction and time.
@@ -158,25 +161,17 @@ pub(super) enum Model {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Maybe(Option<f64>);
 
-/// Recipe and options put together.
-pub(super) struct Choice {
-    pub(super) recipe: Recipe,
-    pub(super) network: Network,
-    pub(super) objective: Objective,
-    pub(super) plan: Plan,
-}
-
 impl TrainArgs {
     /// Cells of the LSTM.
     pub(super) fn cells(&self) -> usize {
         match self.model {
-            Model::Lstm(cells) => cells,
-            Model::Foresight => 0,
+            TrainedModel::Lstm(cells) => cells,
+            TrainedModel::Foresight => 0,
         }
     }
 
     /// No option is given that only `foresight` has.
-    pub(super) fn only_of_lstm(&self) -> Result<(), Failure> {
+    fn only_of_lstm(&self) -> Result<(), Failure> {
         match self.without {
             Some(_) => Err(Failure::usage("--without is an option of foresight", "give --model foresight")),
             None => Ok(()),
@@ -184,7 +179,7 @@ impl TrainArgs {
     }
 
     /// No option is given that only the LSTMs have.
-    pub(super) fn only_of_foresight(&self) -> Result<(), Failure> {
+    fn only_of_foresight(&self) -> Result<(), Failure> {
         let given = [
             ("--recipe", self.recipe.is_some()),
             ("--units", self.units.is_some()),
@@ -207,7 +202,43 @@ impl TrainArgs {
         Err(Failure::usage(what, "leave it out, or give --model lstm10, lstm32 or lstm64"))
     }
 
-    pub(super) fn choice(&self) -> Result<Choice, Failure> {
+    fn training(&self, out: &Path) -> TrainingOptions {
+        TrainingOptions {
+            data: self.data.clone(),
+            split: self.split.clone(),
+            strict: self.strict,
+            hold_out: self.hold_out,
+            all_writers: self.all_writers,
+            citation: self.citation.clone(),
+            threads: threads(self.threads),
+            resume: self.resume,
+            out: out.to_owned(),
+        }
+    }
+
+    /// The training of `foresight`.
+    pub(super) fn foresight(&self, out: &Path) -> Result<ForesightTraining, Failure> {
+        self.only_of_foresight()?;
+        let step_ms = self.step_ms.unwrap_or(foresight::STEP_MS);
+        if !(4.0..=20.0).contains(&step_ms) {
+            let what = format!("a step of {step_ms} ms is outside of what the network's history covers");
+            return Err(Failure::usage(what, "give --step-ms from 4 to 20"));
+        }
+        let usual = usual_plan(self.epochs.map_or(foresight::EPOCHS, |n| n as usize), self.seed);
+        let (peak, warm_up) = (self.rate.unwrap_or(foresight::RATE), foresight::WARM_UP);
+        let plan = foresight::ForesightPlan {
+            schedule: Schedule::OneCycle { peak, warm_up },
+            batch: self.batch.map_or(usual.batch, |n| n as usize),
+            step_ns: (step_ms * 1e6).round() as u64,
+            study: Study { without: self.without.unwrap_or_default(), context: Context::Short },
+            ..usual
+        };
+        Ok(ForesightTraining { options: self.training(out), plan })
+    }
+
+    /// The training of an LSTM: recipe and options put together.
+    pub(super) fn lstm(&self, out: &Path) -> Result<LstmTraining, Failure> {
+        self.only_of_lstm()?;
         let recipe = self.recipe();
         let leads = self.leads.map_or(recipe.leads(), |k| k as usize);
         let augment = self.augment.unwrap_or(recipe.augment());
@@ -231,7 +262,7 @@ impl TrainArgs {
         }
         let schedule = recipe.schedule(self.rate);
         let patient = matches!(schedule, Schedule::Constant { .. }).then_some(10);
-        let plan = Plan {
+        let plan = TrainPlan {
             schedule,
             epochs: self.epochs.map_or(recipe.epochs(self.cells()), |n| n as usize),
             batch: self.batch.map_or(recipe.batch(), |n| n as usize),
@@ -241,7 +272,9 @@ impl TrainArgs {
             keep_speed: self.units() == Units::Normalised,
             patience: self.patience.map(|n| n as usize).or(patient).filter(|_| !self.all_writers),
         };
-        Ok(Choice { recipe, network, objective, plan })
+        let (options, cells, units) = (self.training(out), self.cells(), self.units());
+        let step_ms = self.step_ms;
+        Ok(LstmTraining { options, cells, recipe, network, objective, plan, units, step_ms })
     }
 
     fn recipe(&self) -> Recipe {
@@ -249,12 +282,8 @@ impl TrainArgs {
         self.recipe.unwrap_or(usual)
     }
 
-    pub(super) fn units(&self) -> Units {
+    fn units(&self) -> Units {
         self.units.unwrap_or(self.recipe().units())
-    }
-
-    pub(super) fn threads(&self) -> usize {
-        threads(self.threads)
     }
 }
 
@@ -264,12 +293,12 @@ pub(in crate::lab) fn threads(asked: Option<u32>) -> usize {
     asked.map_or_else(machine, |n| n as usize)
 }
 
-fn model(text: &str) -> Result<Model, String> {
+fn model(text: &str) -> Result<TrainedModel, String> {
     match text {
-        "lstm10" => Ok(Model::Lstm(10)),
-        "lstm32" => Ok(Model::Lstm(32)),
-        "lstm64" => Ok(Model::Lstm(64)),
-        "foresight" => Ok(Model::Foresight),
+        "lstm10" => Ok(TrainedModel::Lstm(10)),
+        "lstm32" => Ok(TrainedModel::Lstm(32)),
+        "lstm64" => Ok(TrainedModel::Lstm(64)),
+        "foresight" => Ok(TrainedModel::Foresight),
         _ if text.starts_with("dybm") => Err(
             "lstm10, lstm32, lstm64 or foresight; DyBM models learn online and are trained inside lab table1"
                 .to_owned(),
@@ -283,32 +312,30 @@ fn recipe(text: &str) -> Result<Recipe, String> {
 }
 
 fn units(text: &str) -> Result<Units, String> {
-    match text {
-        "raw" => Ok(Units::Raw),
-        "normalised" => Ok(Units::Normalised),
-        _ => Err("raw or normalised".to_owned()),
-    }
+    values::word([("raw", Units::Raw), ("normalised", Units::Normalised)], "raw or normalised")(text)
 }
 
 fn padding(text: &str) -> Result<Padding, String> {
-    match text {
-        "counted" => Ok(Padding::Counted),
-        "masked" => Ok(Padding::Masked),
-        _ => Err("counted or masked".to_owned()),
-    }
+    values::word([("counted", Padding::Counted), ("masked", Padding::Masked)], "counted or masked")(text)
 }
 
 fn positive_or_none(text: &str) -> Result<Maybe, String> {
     if text == "none" {
         return Ok(Maybe(None));
     }
-    crate::play::source::positive(text).map(|x| Maybe(Some(x))).map_err(|legal| format!("{legal}, or none"))
+    crate::values::positive(text).map(|x| Maybe(Some(x))).map_err(|legal| format!("{legal}, or none"))
 }
 
-fn rate(text: &str) -> Result<f64, String> {
-    text.parse().ok().filter(|x| (1e-8..=1.0).contains(x)).ok_or_else(|| "1e-8 to 1".to_owned())
-}
-
-fn share(text: &str) -> Result<f64, String> {
-    text.parse().ok().filter(|x| (0.01..=0.9).contains(x)).ok_or_else(|| "0.01 to 0.9".to_owned())
+/// What an ablation leaves out: `contact`, `direction`, `time`, comma-separated.
+fn without(text: &str) -> Result<Without, String> {
+    let mut without = Without::default();
+    for part in text.split(',').map(str::trim) {
+        match part {
+            "contact" => without.contact = true,
+            "direction" => without.direction = true,
+            "time" => without.time = true,
+            _ => return Err("contact, direction or time, comma-separated".to_owned()),
+        }
+    }
+    Ok(without)
 }

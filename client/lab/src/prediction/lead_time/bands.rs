@@ -13,7 +13,7 @@ use super::{LEADS_MS, SHARES};
 
 /// A prediction whose target has not come yet.
 #[derive(Debug, Clone, Copy)]
-struct Waiting {
+struct PendingBand {
     lead: usize,
     /// The first point at which its target is over.
     due: usize,
@@ -32,7 +32,7 @@ pub(super) struct Bands {
     scale: RunningScale,
     level_square: f64,
     factors: [[Factor; SHARES.len()]; LEADS_MS.len()],
-    waiting: Vec<Waiting>,
+    waiting: Vec<PendingBand>,
 }
 
 impl Bands {
@@ -66,7 +66,7 @@ impl Bands {
     /// units\].
     pub(super) fn push(&mut self, lead: usize, due: usize, error: f64, moved: f64) {
         let (unit, resting) = (self.unit(), level(self.level_square) <= REST);
-        self.waiting.push(Waiting { lead, due, error, moved, unit, resting });
+        self.waiting.push(PendingBand { lead, due, error, moved, unit, resting });
     }
 
     fn unit(&self) -> f64 {

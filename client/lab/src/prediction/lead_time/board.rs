@@ -3,12 +3,12 @@
 use serde::Serialize;
 
 use super::super::model::Contestant;
-use super::super::registry::{Model, ModelError, Setting};
+use super::super::registry::{Model, RegistryError, Setting};
 use super::super::run::train;
 use super::super::{Set, glyph_height};
 use super::LEADS_MS;
 use super::bands::Bands;
-use super::file::{Answer, PredictionError, Predictions};
+use super::file::{BandedPosition, PredictionError, Predictions};
 use super::tally::{LeadRow, LeadTally};
 use super::targets::{Targets, between};
 use crate::parallel;
@@ -21,11 +21,9 @@ const STILL: &str = "hold";
 pub enum Entrant {
     /// A model that runs here.
     Model(Model),
-    /// Predictions made elsewhere.
     File {
         /// As the board names it.
         name: String,
-        /// Its content.
         predictions: Predictions,
     },
 }
@@ -47,7 +45,7 @@ impl Entrant {
 pub enum BoardError {
     /// A model cannot start.
     #[error(transparent)]
-    Model(#[from] ModelError),
+    Model(#[from] RegistryError),
     /// Predictions do not fit.
     #[error(transparent)]
     Predictions(#[from] PredictionError),
@@ -56,7 +54,6 @@ pub enum BoardError {
 /// One entrant on one set.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Lane {
-    /// Its name.
     pub model: String,
     /// One row per look-ahead time.
     pub leads: Vec<LeadRow>,
@@ -89,7 +86,6 @@ pub struct Board {
 /// One entrant over all sets.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Standing {
-    /// Its name.
     pub model: String,
     /// Geometric mean over sets and look-ahead times of its RMS over that of a pen that stands still.
     pub rms_over_zero: Option<f64>,
@@ -210,7 +206,7 @@ fn walk(
 }
 
 /// Scores answers that stand in the order of the targets.
-fn judge(answers: &[Answer], targets: &Targets, unit: [f64; 2]) -> [LeadTally; LEADS_MS.len()] {
+fn judge(answers: &[BandedPosition], targets: &Targets, unit: [f64; 2]) -> [LeadTally; LEADS_MS.len()] {
     let mut tallies: [LeadTally; LEADS_MS.len()] = Default::default();
     let mut answers = answers.iter();
     for instant in &targets.instants {

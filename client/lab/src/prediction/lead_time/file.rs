@@ -10,7 +10,7 @@ use foretrace_sim::data::shortened;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-use super::super::Sequence;
+use super::super::CharacterSequence;
 use super::targets::Targets;
 use super::{LEADS_MS, SHARES};
 
@@ -26,16 +26,10 @@ const LONGEST: u64 = 512 << 20;
 pub enum PredictionError {
     /// The system refused.
     #[error("{}: cannot read predictions: {why}", file.display())]
-    Unreadable {
-        /// The file.
-        file: PathBuf,
-        /// The system's reason.
-        why: String,
-    },
+    Unreadable { file: PathBuf, why: String },
     /// A line that does not fit.
     #[error("{}:{line}: {why}", file.display())]
     Row {
-        /// The file.
         file: PathBuf,
         /// Line from 1.
         line: usize,
@@ -50,9 +44,7 @@ pub enum PredictionError {
         file.display()
     )]
     Missing {
-        /// The file.
         file: PathBuf,
-        /// The set.
         set: String,
         /// How many are missing.
         missing: usize,
@@ -63,21 +55,20 @@ pub enum PredictionError {
     },
 }
 
-/// One row.
 #[derive(Debug, Clone, Copy)]
-struct Row {
+struct PredictionRow {
     line: usize,
     /// Index into `files`.
     file: usize,
     segment: usize,
     point: usize,
     lead: usize,
-    answer: Answer,
+    answer: BandedPosition,
 }
 
 /// A predicted position and its error bands.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Answer {
+pub struct BandedPosition {
     /// Expected position, in the coordinates of the points \[raw units\].
     pub position: [f64; 2],
     /// 50 % and 90 % radius \[raw units\].
@@ -89,7 +80,7 @@ pub struct Answer {
 pub struct Predictions {
     path: PathBuf,
     files: Vec<String>,
-    rows: Vec<Row>,
+    rows: Vec<PredictionRow>,
 }
 
 impl Predictions {
@@ -113,8 +104,8 @@ impl Predictions {
             .filter(|(_, line)| !line.is_empty() && !line.starts_with('#'));
         let (line, header) = lines.next().unwrap_or((1, ""));
         let header = fields(header);
-        let place = |name: &str| header.iter().position(|h| h == name);
-        let (Some(columns), bands) = (all(COLUMNS.map(place)), all(BANDS.map(place))) else {
+        let column = |name: &str| header.iter().position(|h| h == name);
+        let (Some(columns), bands) = (all(COLUMNS.map(column)), all(BANDS.map(column))) else {
             let (wanted, found) = (COLUMNS.join(","), shortened(&format!("{header:?}"), 200));
             return Err(bad(
                 line,
@@ -161,8 +152,8 @@ impl Predictions {
                 predictions.files.len() - 1
             });
             let (segment, point) = (count("segment", segment)?, count("t", point)?);
-            let answer = Answer { position, radii };
-            predictions.rows.push(Row { line, file, segment, point, lead: ahead, answer });
+            let answer = BandedPosition { position, radii };
+            predictions.rows.push(PredictionRow { line, file, segment, point, lead: ahead, answer });
         }
         Ok(predictions)
     }
@@ -176,38 +167,37 @@ impl Predictions {
     pub fn answers(
         &self,
         set: &str,
-        sequences: &[Sequence],
+        sequences: &[CharacterSequence],
         targets: &Targets,
-    ) -> Result<Option<Vec<Answer>>, PredictionError> {
+    ) -> Result<Option<Vec<BandedPosition>>, PredictionError> {
         let bad = |line: usize, why: String| PredictionError::Row { file: self.path.clone(), line, why };
         let here: HashMap<&str, ()> = sequences.iter().map(|s| (s.file.as_str(), ())).collect();
         let ours: Vec<bool> = self.files.iter().map(|f| here.contains_key(f.as_str())).collect();
-        let mut places: HashMap<(&str, usize, usize, usize), usize> = HashMap::new();
+        let mut slots: HashMap<(&str, usize, usize, usize), usize> = HashMap::new();
         for instant in &targets.instants {
             let Some(s) = sequences.get(instant.sequence) else { continue };
             for lead in instant.scored() {
-                let place = places.len();
-                places.insert((&s.file, s.segment, instant.point, lead), place);
+                let slot = slots.len();
+                slots.insert((&s.file, s.segment, instant.point, lead), slot);
             }
         }
-        let mut answers: Vec<Option<Answer>> = vec![None; places.len()];
+        let mut answers: Vec<Option<BandedPosition>> = vec![None; slots.len()];
         let mut any = false;
         for row in self.rows.iter().filter(|row| ours.get(row.file).copied().unwrap_or(false)) {
             let name = self.files.get(row.file).map_or("", String::as_str);
             any = true;
-            let Some(place) = places.get(&(name, row.segment, row.point, row.lead)) else {
-                let Row { segment, point, .. } = row;
+            let Some(slot) = slots.get(&(name, row.segment, row.point, row.lead)) else {
+                let PredictionRow { segment, point, .. } = row;
                 let lead = LEADS_MS.get(row.lead).copied().unwrap_or_default();
                 return Err(bad(
                     row.line,
                     format!(
-                        "file {name:?}, segment {segment}, t {point}, lead {lead} is no target of {set}; \
-                         predict the rows \
-                     that --export-targets writes"
+                        "file {name:?}, segment {segment}, t {point}, lead {lead} is not a target of {set}; \
+                         predict the rows that --export-targets writes"
                     ),
                 ));
             };
-            match answers.get_mut(*place) {
+            match answers.get_mut(*slot) {
                 Some(slot @ None) => *slot = Some(row.answer),
                 _ => return Err(bad(row.line, "this target was predicted before".to_owned())),
             }
@@ -218,7 +208,7 @@ impl Predictions {
         let missing = answers.iter().filter(|a| a.is_none()).count();
         if missing > 0 {
             let first = answers.iter().position(Option::is_none).unwrap_or_default();
-            let key = places.iter().find(|(_, place)| **place == first).map(|(key, _)| *key);
+            let key = slots.iter().find(|(_, slot)| **slot == first).map(|(key, _)| *key);
             let first = key.map_or_else(String::new, |(file, segment, t, lead)| {
                 let lead = LEADS_MS.get(lead).copied().unwrap_or_default();
                 format!("file {file:?}, segment {segment}, t {t}, lead {lead}")
@@ -233,8 +223,8 @@ impl Predictions {
     ///
     /// # Errors
     /// That row.
-    pub fn about_known_files(&self, sets: &[&[Sequence]]) -> Result<(), PredictionError> {
-        let stray = |row: &&Row| {
+    pub fn about_known_files(&self, sets: &[&[CharacterSequence]]) -> Result<(), PredictionError> {
+        let stray = |row: &&PredictionRow| {
             let name = self.files.get(row.file).map_or("", String::as_str);
             !sets.iter().any(|set| set.iter().any(|s| s.file == name))
         };
@@ -255,9 +245,9 @@ impl Predictions {
     }
 }
 
-fn all<const N: usize>(places: [Option<usize>; N]) -> Option<[usize; N]> {
-    let found = places.map(Option::unwrap_or_default);
-    places.iter().all(Option::is_some).then_some(found)
+fn all<const N: usize>(positions: [Option<usize>; N]) -> Option<[usize; N]> {
+    let found = positions.map(Option::unwrap_or_default);
+    positions.iter().all(Option::is_some).then_some(found)
 }
 
 /// The fields of a CSV line; a field in double quotes may hold commas, and quotes written twice.

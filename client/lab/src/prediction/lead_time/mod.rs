@@ -11,9 +11,11 @@ mod tally;
 mod bands;
 mod file;
 mod board;
+mod shown;
 
 pub use board::{Board, BoardError, Entrant, Lane, Standing, compare};
-pub use file::{Answer, PredictionError, Predictions};
+pub use file::{BandedPosition, PredictionError, Predictions};
+pub use shown::{draw, standing_lines};
 pub use tally::{LeadRow, LeadTally};
 pub use targets::{Instant, Targets, Truth, export};
 

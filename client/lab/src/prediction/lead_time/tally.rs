@@ -23,7 +23,6 @@ pub struct LeadTally {
 pub struct LeadRow {
     /// Look-ahead time \[ms\].
     pub lead_ms: u32,
-    /// Targets scored.
     pub targets: u64,
     /// RMS of the 2-D position error.
     pub rms: Option<f64>,

@@ -3,7 +3,7 @@
 use std::io::{self, BufWriter, Write};
 use std::path::Path;
 
-use super::super::{PADDING_STEPS, Sequence};
+use super::super::{CharacterSequence, PADDING_STEPS};
 use super::{LEADS_MS, STRIDE_S};
 
 /// Half the stretch of true motion that defines its direction \[s\].
@@ -51,7 +51,7 @@ pub struct Targets {
 impl Targets {
     /// Every scored target of `sequences`.
     #[must_use]
-    pub fn of(sequences: &[Sequence]) -> Self {
+    pub fn of(sequences: &[CharacterSequence]) -> Self {
         let points: Vec<Vec<[f64; 2]>> = sequences.iter().map(points).collect();
         let stroke_ends: Vec<Vec<usize>> =
             points.iter().zip(sequences).map(|(p, s)| stroke_ends(p.len(), &s.jump)).collect();
@@ -121,7 +121,7 @@ pub(super) fn between(points: &[[f64; 2]], at: f64) -> Option<[f64; 2]> {
     Some([x + share * (x1 - x), y + share * (y1 - y)])
 }
 
-fn points(sequence: &Sequence) -> Vec<[f64; 2]> {
+fn points(sequence: &CharacterSequence) -> Vec<[f64; 2]> {
     let real = sequence.v.len().saturating_sub(PADDING_STEPS);
     let mut at = [0.0; 2];
     let mut points = vec![at];
@@ -150,7 +150,11 @@ fn stroke_ends(count: usize, jump: &[bool]) -> Vec<usize> {
 ///
 /// # Errors
 /// Whatever the file system says.
-pub fn export(folder: &Path, name: &str, sequences: &[Sequence]) -> io::Result<[std::path::PathBuf; 2]> {
+pub fn export(
+    folder: &Path,
+    name: &str,
+    sequences: &[CharacterSequence],
+) -> io::Result<[std::path::PathBuf; 2]> {
     std::fs::create_dir_all(folder)?;
     let targets = Targets::of(sequences);
     let paths = [folder.join(format!("{name}-points.csv")), folder.join(format!("{name}-targets.csv"))];
@@ -171,7 +175,7 @@ pub fn export(folder: &Path, name: &str, sequences: &[Sequence]) -> io::Result<[
 
 fn write_targets(
     out: &mut BufWriter<std::fs::File>,
-    sequences: &[Sequence],
+    sequences: &[CharacterSequence],
     targets: &Targets,
 ) -> io::Result<()> {
     writeln!(out, "file,segment,t,lead")?;

@@ -1,15 +1,15 @@
 //! Lead times: expected errors on simple motion, windows, rates, and predictions from files.
 
 use super::*;
-use crate::prediction::{Model, Sequence, Set};
+use crate::prediction::{CharacterSequence, Model, Set};
 use std::path::Path;
 
 /// A character of one stroke at 100 Hz along `points`, or of several where `jumps` names the steps between
 /// them.
-fn character(segment: usize, points: &[[f64; 2]], jumps: &[usize]) -> Sequence {
+fn character(segment: usize, points: &[[f64; 2]], jumps: &[usize]) -> CharacterSequence {
     let mut v: Vec<[f64; 2]> = points.windows(2).map(|p| [p[1][0] - p[0][0], p[1][1] - p[0][1]]).collect();
     v.extend([[0.0; 2]; 5]);
-    Sequence {
+    CharacterSequence {
         file: "data/a.dat".to_owned(),
         segment,
         label: "x".to_owned(),
@@ -21,7 +21,7 @@ fn character(segment: usize, points: &[[f64; 2]], jumps: &[usize]) -> Sequence {
     }
 }
 
-fn set(scored: Vec<Sequence>) -> Set {
+fn set(scored: Vec<CharacterSequence>) -> Set {
     let (name, split) = ("pens".to_owned(), "test".to_owned());
     Set { name, split, scored, train: Vec::new(), cold: false, refused: Vec::new() }
 }
@@ -157,7 +157,7 @@ fn wrong_predictions_are_refused_with_file_and_line() {
     says(&format!("{header}data/a.dat,0,2,10,1\n"), &["mine.csv:2", "y is \"\""]);
     says(&format!("{header}\ndata/a.dat,0,2,15,1,1\n"), &["mine.csv:3", "lead is \"15\"", "200"]);
     says(&format!("{header}data/a.dat,-1,2,10,1,1\n"), &["mine.csv:2", "segment is \"-1\""]);
-    says(&format!("{header}data/a.dat,0,3,10,1,1\n"), &["mine.csv:2", "t 3", "no target"]);
+    says(&format!("{header}data/a.dat,0,3,10,1,1\n"), &["mine.csv:2", "t 3", "not a target"]);
     says(&format!("{header}\"b,c.dat\",0,2,10,1,1\n"), &["mine.csv:2", "b,c.dat", "none of the sets"]);
     let lines: Vec<&str> = whole.lines().collect();
     says(&lines[..lines.len() - 2].join("\n"), &["mine.csv", "2 of", "t 56, lead 30", "--export-targets"]);

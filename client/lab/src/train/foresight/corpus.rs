@@ -14,20 +14,17 @@ use crate::train::corpus::Written;
 /// What one writer wrote in one file.
 #[derive(Debug, Clone)]
 pub struct Writing {
-    /// Set and writer.
     pub writer: String,
     /// Device samples per second.
     pub rate_hz: f64,
     /// The characters, in order.
-    pub sequences: Vec<Sequence>,
+    pub sequences: Vec<WrittenCharacter>,
 }
 
 /// A character as recorded, or a changed copy.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Sequence {
-    /// What was written.
+pub struct WrittenCharacter {
     pub label: String,
-    /// By time.
     pub samples: Vec<PathSample>,
     /// Samples that a jump leads to: the pen was not seen before them.
     pub leaps: Vec<usize>,
@@ -68,7 +65,7 @@ pub fn writings(
     if left_out > 0 {
         remarks.push(format!("{}: {left_out} characters do not fit or have one sample", set.name));
     }
-    let sequence = |sequence: crate::closed_loop::Sequence| Sequence {
+    let sequence = |sequence: crate::closed_loop::Sequence| WrittenCharacter {
         label: sequence.label,
         samples: sequence.path.samples,
         leaps: sequence.path.leaps,
@@ -90,7 +87,7 @@ impl Written for Writing {
 
 /// How a copy of a hand's samples is changed: other devices, other hands.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Change {
+pub struct Distortion {
     /// x and y from x and y.
     matrix: [[f64; 2]; 2],
     /// Duration over that of the recording.
@@ -103,8 +100,7 @@ pub struct Change {
     pub phase_s: f64,
 }
 
-impl Change {
-    /// As recorded.
+impl Distortion {
     pub const NONE: Self =
         Self { matrix: [[1.0, 0.0], [0.0, 1.0]], time: 1.0, period_s: 0.0, pitch_m: 0.0, phase_s: 0.0 };
 
@@ -140,7 +136,7 @@ impl Change {
 
     /// The changed copy of `sequence`.
     #[must_use]
-    pub fn apply(&self, sequence: &Sequence) -> Sequence {
+    pub fn apply(&self, sequence: &WrittenCharacter) -> WrittenCharacter {
         let [[xx, xy], [yx, yy]] = self.matrix;
         let first_s = sequence.samples.first().map_or(0.0, |sample| sample.t_s);
         let moved = sequence.samples.iter().map(|sample| PathSample {
@@ -150,7 +146,7 @@ impl Change {
             contact: sample.contact,
         });
         let samples = moved.collect();
-        let mut copy = Sequence { samples, ..sequence.clone() };
+        let mut copy = WrittenCharacter { samples, ..sequence.clone() };
         if self.period_s > 0.0 {
             copy = slower(&copy, self.period_s);
         }
@@ -166,18 +162,18 @@ impl Change {
 
 /// As a device of another period would have seen it: on straight lines between neighbouring samples, and
 /// nothing where nothing was seen.
-fn slower(sequence: &Sequence, period_s: f64) -> Sequence {
+fn slower(sequence: &WrittenCharacter, period_s: f64) -> WrittenCharacter {
     /// Samples further apart than this many periods are a gap.
     const GAP: f64 = 2.5;
-    let Sequence { label, samples, leaps } = sequence;
-    let mut copy = Sequence { label: label.clone(), samples: Vec::new(), leaps: Vec::new() };
+    let WrittenCharacter { label, samples, leaps } = sequence;
+    let mut copy = WrittenCharacter { label: label.clone(), samples: Vec::new(), leaps: Vec::new() };
     let Some(first) = samples.first() else { return copy };
     copy.samples.push(*first);
     let mut next_s = first.t_s + period_s;
     let mut leapt = false;
-    for (place, (a, b)) in samples.iter().zip(samples.iter().skip(1)).enumerate() {
+    for (index, (a, b)) in samples.iter().zip(samples.iter().skip(1)).enumerate() {
         let span_s = b.t_s - a.t_s;
-        let leaps = leaps.contains(&(place + 1));
+        let leaps = leaps.contains(&(index + 1));
         leapt |= leaps;
         while next_s <= b.t_s {
             let part = (next_s - a.t_s) / span_s;

@@ -1,4 +1,5 @@
-//! What a hand's samples teach: features at every step of the loop's grid, and the way that followed.
+//! Training examples from a hand's samples: features at every step of the loop's grid, and the way that
+//! followed.
 //!
 //! The samples go through the loop's own pen grid and running scale, cold at first, so that the network sees
 //! in training what it will see in the loop. A target is known as long as no jump, gap or end of the
@@ -7,16 +8,16 @@
 use foretrace_control::pen::{
     Motion, PenReading, PenSettings, PenTracker, SpeedScale, SpeedScaleSettings, TARGET_RMS, Touch,
 };
-use foretrace_control::predict::Seen;
-use foretrace_control::predict::models::foresight::{FEATURES, History, OUTPUTS, turned, unit};
+use foretrace_control::predict::PenStep;
+use foretrace_control::predict::models::foresight::{FEATURES, OUTPUTS, PenHistory, turned, unit};
 use foretrace_control::predict::models::mixture::{NODES, is_motion};
 use foretrace_control::units::Stamp;
 use foretrace_sim::path::PathSample;
 
-use super::corpus::Sequence;
+use super::corpus::WrittenCharacter;
 use super::study::{Study, Teller};
 
-/// Rest between two sequences, for which the grid begins anew \[s\].
+/// Rest between two sequences, for which the grid begins again \[s\].
 const REST_S: f64 = 2.0;
 /// When the first sequence begins \[s\].
 const BEGIN_S: f64 = 10.0;
@@ -35,13 +36,11 @@ pub struct Examples {
 }
 
 impl Examples {
-    /// How many.
     #[must_use]
     pub fn len(&self) -> usize {
         self.known.len()
     }
 
-    /// There is none.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.known.is_empty()
@@ -55,8 +54,7 @@ impl Examples {
     }
 }
 
-/// One closed step.
-struct Step {
+struct ClosedStep {
     displacement: [f64; 2],
     scale_m: f64,
     frame: [f64; 2],
@@ -67,7 +65,7 @@ struct Step {
 /// The examples of one hand's `sequences` on a grid of `step_ns` \[ns\]; the first
 /// sample stands `phase_s` \[s\] after a grid point.
 #[must_use]
-pub fn examples(sequences: &[Sequence], step_ns: u64, phase_s: f64, study: &Study) -> Examples {
+pub fn examples(sequences: &[WrittenCharacter], step_ns: u64, phase_s: f64, study: &Study) -> Examples {
     let settings = PenSettings {
         step_ns,
         max_speed_mps: 10.0,
@@ -81,12 +79,12 @@ pub fn examples(sequences: &[Sequence], step_ns: u64, phase_s: f64, study: &Stud
     };
     let step_s = step_ns as f64 * 1e-9;
     let block = study.block(step_s);
-    let mut history = History::EMPTY;
-    let mut steps: Vec<Step> = Vec::new();
+    let mut history = PenHistory::EMPTY;
+    let mut steps: Vec<ClosedStep> = Vec::new();
     let mut examples = Examples::default();
     let mut begin_s = BEGIN_S + phase_s;
     let mut newest = None;
-    for Sequence { label, samples, leaps } in sequences {
+    for WrittenCharacter { label, samples, leaps } in sequences {
         let Some(first_s) = samples.first().map(|sample| sample.t_s) else { continue };
         let mut teller = Teller::new(label);
         let stamp_of = |sample: &PathSample| ((begin_s + sample.t_s - first_s) * 1e9).round() as u64;
@@ -108,9 +106,9 @@ pub fn examples(sequences: &[Sequence], step_ns: u64, phase_s: f64, study: &Stud
                 newest = Some(step.index);
                 let plausible = || scale.normalise(step.displacement).iter().all(|x| x.abs() <= LARGEST);
                 if step.motion != Motion::Continues || !follows || !plausible() {
-                    history = History::EMPTY;
+                    history = PenHistory::EMPTY;
                     teller.interrupt();
-                    steps.push(Step {
+                    steps.push(ClosedStep {
                         displacement: [0.0; 2],
                         scale_m: 1.0,
                         frame: [1.0, 0.0],
@@ -124,7 +122,7 @@ pub fn examples(sequences: &[Sequence], step_ns: u64, phase_s: f64, study: &Stud
                 scale.observe(&step);
                 let x = scale.normalise(step.displacement);
                 let touch: Touch = step.touch();
-                history.observe(&Seen {
+                history.observe(&PenStep {
                     x,
                     half: scale.normalise(step.half),
                     ahead: scale.normalise(step.ahead),
@@ -139,7 +137,7 @@ pub fn examples(sequences: &[Sequence], step_ns: u64, phase_s: f64, study: &Stud
                 examples.features.extend_from_slice(&row);
                 examples.known.push(1);
                 examples.targets.push([0.0; OUTPUTS]);
-                steps.push(Step {
+                steps.push(ClosedStep {
                     displacement: step.displacement,
                     scale_m: scale.metres_per_unit(),
                     frame: look.frame,
@@ -155,7 +153,7 @@ pub fn examples(sequences: &[Sequence], step_ns: u64, phase_s: f64, study: &Stud
 }
 
 /// Fills in targets, and drops examples without any.
-fn look_ahead(steps: &[Step], examples: &mut Examples) {
+fn look_ahead(steps: &[ClosedStep], examples: &mut Examples) {
     let width = examples.features.len() / examples.known.len().max(1);
     let mut kept = Examples::default();
     for (t, now) in steps.iter().enumerate() {
@@ -172,10 +170,10 @@ fn look_ahead(steps: &[Step], examples: &mut Examples) {
                 break;
             }
             way = [way[0] + step.displacement[0], way[1] + step.displacement[1]];
-            let Some((node, place)) = &mut next else { break };
+            let Some((node, slot)) = &mut next else { break };
             if ahead + 1 == **node {
                 let normalised = turned(now.frame, way.map(|x| x / now.scale_m));
-                **place = normalised.map(|x| (x / unit(**node)) as f32);
+                **slot = normalised.map(|x| (x / unit(**node)) as f32);
                 known += 1;
                 next = nodes.next();
             }

@@ -1,6 +1,6 @@
 //! A whole training of the network: epochs, held-out scores, the best parameters so far.
 //!
-//! Contract: everything random is drawn from (seed, epoch, place); gradients are summed piece by piece in the
+//! Contract: everything random is drawn from (seed, epoch, index); gradients are summed piece by piece in the
 //! order of the batch. So a training continued from any epoch, on any number of threads, is the same bit for
 //! bit.
 
@@ -14,20 +14,20 @@ use rand::seq::SliceRandom as _;
 use rand_pcg::Pcg64;
 
 use super::balance;
-use super::corpus::{Change, Writing};
+use super::corpus::{Distortion, Writing};
 use super::examples::{Examples, examples};
-use super::network::{Bench, PIECE, Packed, Shape};
-use super::score::{Tally, weights};
+use super::network::{ForesightShape, LayerBuffers, PIECE, Packed};
+use super::score::{ErrorSums, weights};
 use super::study::Study;
-use crate::train::adam::{Adam, AdamSettings, Schedule, limit_norm};
-use crate::train::fit::{Epoch, FitError, State, mixed};
+use crate::train::adam::{Schedule, limit_norm};
+use crate::train::fit::{Epoch, FitError, TrainState, check_finite, mixed};
 
 /// Errors beyond this many units of ordinary motion pull no harder.
 const HUBER: f32 = 2.0;
 
 /// How a network is trained.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Plan {
+pub struct ForesightPlan {
     /// Learning rate over the steps.
     pub schedule: Schedule,
     /// Passes over the writings.
@@ -42,55 +42,49 @@ pub struct Plan {
     pub study: Study,
     /// Share of the copies that are changed beyond size and phase.
     pub changed: f64,
-    /// Longest gradient.
     pub limit_norm: f64,
 }
 
 /// A training under way.
-pub struct Fit {
-    plan: Plan,
-    shape: Shape,
+pub struct ForesightFit {
+    plan: ForesightPlan,
+    shape: ForesightShape,
     threads: usize,
     train: Vec<Writing>,
     held_out: Examples,
-    state: State,
+    state: TrainState,
 }
 
-impl Fit {
+impl ForesightFit {
     /// Before the first epoch, or where `state` left off.
     #[must_use]
     pub fn new(
-        plan: Plan,
+        plan: ForesightPlan,
         (train, held_out): (Vec<Writing>, Vec<Writing>),
         threads: usize,
-        state: Option<State>,
+        state: Option<TrainState>,
     ) -> Self {
-        let shape = Shape { inputs: plan.study.inputs() };
-        let state = state.unwrap_or_else(|| State {
-            parameters: shape.initial(&mut Pcg64::seed_from_u64(plan.seed)),
-            adam: Adam::new(AdamSettings::default(), shape.count()),
-            history: Vec::new(),
-            best: None,
-        });
+        let shape = ForesightShape { inputs: plan.study.inputs() };
+        let state =
+            state.unwrap_or_else(|| TrainState::new(shape.initial(&mut Pcg64::seed_from_u64(plan.seed))));
         let mut fit =
             Self { plan, shape, threads: threads.max(1), train, held_out: Examples::default(), state };
-        (fit.held_out, _) = fit.gathered(&held_out, |_| Change::NONE);
+        (fit.held_out, _) = fit.gathered(&held_out, |_| Distortion::NONE);
         fit
     }
 
     /// What the training would continue from.
     #[must_use]
-    pub fn state(&self) -> &State {
+    pub fn state(&self) -> &TrainState {
         &self.state
     }
 
     /// Inputs and number of parameters.
     #[must_use]
-    pub fn shape(&self) -> Shape {
+    pub fn shape(&self) -> ForesightShape {
         self.shape
     }
 
-    /// Examples held out.
     #[must_use]
     pub fn held_out(&self) -> usize {
         self.held_out.len()
@@ -106,10 +100,7 @@ impl Fit {
     /// last.
     #[must_use]
     pub fn outcome(&self) -> (usize, &[f32]) {
-        match &self.state.best {
-            Some((epoch, parameters)) => (*epoch, parameters),
-            None => (self.state.history.len().saturating_sub(1), &self.state.parameters),
-        }
+        self.state.outcome()
     }
 
     /// One epoch; calls `watch` after each batch with the share done, which may end the epoch and leave the
@@ -119,11 +110,11 @@ impl Fit {
     /// [`FitError`]: diverged or interrupted; the state is that before the epoch.
     pub fn epoch(&mut self, mut watch: impl FnMut(f64) -> ControlFlow<()>) -> Result<Epoch, FitError> {
         let number = self.state.history.len();
-        let Plan { seed, batch, step_ns, changed, .. } = self.plan;
+        let ForesightPlan { seed, batch, step_ns, changed, .. } = self.plan;
         let step_s = step_ns as f64 * 1e-9;
-        let (corpus, ends) = self.gathered(&self.train, |place| {
-            let period_s = 1.0 / self.train[place].rate_hz.max(1.0);
-            Change::drawn(mixed(seed, number as u64 + 1, place as u64), step_s, period_s, changed)
+        let (corpus, ends) = self.gathered(&self.train, |index| {
+            let period_s = 1.0 / self.train[index].rate_hz.max(1.0);
+            Distortion::drawn(mixed(seed, number as u64 + 1, index as u64), step_s, period_s, changed)
         });
         let mut order: Vec<usize> = (0..corpus.len()).collect();
         order.shuffle(&mut Pcg64::seed_from_u64(mixed(seed, number as u64 + 1, u64::MAX)));
@@ -133,7 +124,7 @@ impl Fit {
         let batches = (order.len() / batch).max(1);
         let mut parameters = self.state.parameters.clone();
         let mut adam = self.state.adam.clone();
-        let mut engine = Engine::new(self.shape, self.threads, self.plan.study);
+        let mut engine = GradientEngine::new(self.shape, self.threads, self.plan.study);
         let (mut losses, mut rate, mut done) = (0.0, 0.0, 0);
         for batch in order.chunks(batch).filter(|chunk| chunk.len() >= PIECE) {
             let (loss, gradient) = engine.gradient(&parameters, &corpus, batch);
@@ -150,22 +141,11 @@ impl Fit {
                 return Err(FitError::Interrupted);
             }
         }
-        if let Some(wrong) = parameters.iter().find(|p| !p.is_finite()) {
-            return Err(FitError::Diverged { epoch: number + 1, loss: f64::from(*wrong) });
-        }
+        check_finite(&parameters, number)?;
         let held_out =
             (!self.held_out.is_empty()).then(|| engine.tally(&parameters, &self.held_out, step_s).scores());
-        let epoch = Epoch { rate, train_loss: losses / f64::from(done.max(1)), held_out };
-        if let Some(scores) = held_out {
-            let best = self.state.best.as_ref().and_then(|(epoch, _)| self.state.history[*epoch].held_out);
-            if best.is_none_or(|best| scores.loss < best.loss) {
-                self.state.best = Some((number, parameters.clone()));
-            }
-        }
-        self.state.history.push(epoch);
-        self.state.parameters = parameters;
-        self.state.adam = adam;
-        Ok(epoch)
+        let train_loss = losses / f64::from(done.max(1));
+        Ok(self.state.conclude(Epoch { rate, train_loss, held_out }, parameters, adam))
     }
 
     /// Leaves out examples of sets that have more than their share; `ends` are those of the writings.
@@ -189,16 +169,16 @@ impl Fit {
         });
     }
 
-    /// The examples of all `writings`, each changed as `change` says of its place, and where each ends.
+    /// The examples of all `writings`, each changed as `change` says of its index, and where each ends.
     fn gathered(
         &self,
         writings: &[Writing],
-        change: impl Fn(usize) -> Change + Sync,
+        change: impl Fn(usize) -> Distortion + Sync,
     ) -> (Examples, Vec<usize>) {
-        let Plan { step_ns, study, .. } = self.plan;
-        let places: Vec<usize> = (0..writings.len()).collect();
-        let parts = in_order(&places, self.threads, |place| {
-            of_writing(&writings[*place], &change(*place), step_ns, &study)
+        let ForesightPlan { step_ns, study, .. } = self.plan;
+        let indices: Vec<usize> = (0..writings.len()).collect();
+        let parts = in_order(&indices, self.threads, |index| {
+            of_writing(&writings[*index], &change(*index), step_ns, &study)
         });
         let (mut all, mut ends) = (Examples::default(), Vec::new());
         for part in parts {
@@ -211,7 +191,7 @@ impl Fit {
 
 /// The examples of one writing, changed.
 #[must_use]
-pub fn of_writing(writing: &Writing, change: &Change, step_ns: u64, study: &Study) -> Examples {
+pub fn of_writing(writing: &Writing, change: &Distortion, step_ns: u64, study: &Study) -> Examples {
     let copies: Vec<_> = writing.sequences.iter().map(|sequence| change.apply(sequence)).collect();
     examples(&copies, step_ns, change.phase_s, study)
 }
@@ -225,13 +205,13 @@ pub(super) fn in_order<J: Sync, R: Send>(
     let next = AtomicUsize::new(0);
     let results: Mutex<Vec<Option<R>>> = Mutex::new(jobs.iter().map(|_| None).collect());
     let run = || {
-        while let Some((place, job)) = {
-            let place = next.fetch_add(1, Ordering::Relaxed);
-            jobs.get(place).map(|job| (place, job))
+        while let Some((index, job)) = {
+            let index = next.fetch_add(1, Ordering::Relaxed);
+            jobs.get(index).map(|job| (index, job))
         } {
             let result = work(job);
             if let Ok(mut results) = results.lock() {
-                results[place] = Some(result);
+                results[index] = Some(result);
             }
         }
     };
@@ -245,8 +225,8 @@ pub(super) fn in_order<J: Sync, R: Send>(
 }
 
 /// Gradients and scores over the threads.
-pub struct Engine {
-    shape: Shape,
+pub struct GradientEngine {
+    shape: ForesightShape,
     threads: usize,
     study: Study,
     packed: Packed,
@@ -259,10 +239,10 @@ struct Piece {
     gradient: Vec<f32>,
 }
 
-impl Engine {
+impl GradientEngine {
     /// For networks of `shape` that see what `study` says.
     #[must_use]
-    pub fn new(shape: Shape, threads: usize, study: Study) -> Self {
+    pub fn new(shape: ForesightShape, threads: usize, study: Study) -> Self {
         Self { shape, threads: threads.max(1), study, packed: Packed::default(), gradient: Vec::new() }
     }
 
@@ -273,7 +253,7 @@ impl Engine {
         let (shape, packed) = (self.shape, &self.packed);
         let rows = (pieces.len() * PIECE).max(1) as f32;
         let parts = in_order(&pieces, self.threads, |piece| {
-            let mut bench = Bench::default();
+            let mut bench = LayerBuffers::default();
             let inputs = gather(corpus, piece, shape.inputs);
             let mut slopes = bench.outputs(shape, packed, &inputs).to_vec();
             let loss = differentiate(&mut slopes, corpus, piece, rows);
@@ -306,35 +286,35 @@ impl Engine {
     #[must_use]
     pub fn outputs(&mut self, parameters: &[f32], examples: &Examples) -> Vec<f32> {
         self.packed.fill(self.shape, parameters, false);
-        let mut bench = Bench::default();
+        let mut bench = LayerBuffers::default();
         let all: Vec<usize> = (0..examples.len()).collect();
         let mut outputs = Vec::with_capacity(examples.len() * OUTPUTS);
         for piece in all.chunks(PIECE) {
             let inputs = gather(examples, piece, self.shape.inputs);
-            let said = bench.outputs(self.shape, &self.packed, &inputs);
-            outputs.extend_from_slice(&said[..piece.len() * OUTPUTS]);
+            let output = bench.outputs(self.shape, &self.packed, &inputs);
+            outputs.extend_from_slice(&output[..piece.len() * OUTPUTS]);
         }
         outputs
     }
 
     /// Errors over `examples` on a grid of `step_s` \[s\].
     #[must_use]
-    pub fn tally(&mut self, parameters: &[f32], examples: &Examples, step_s: f64) -> Tally {
+    pub fn tally(&mut self, parameters: &[f32], examples: &Examples, step_s: f64) -> ErrorSums {
         self.packed.fill(self.shape, parameters, false);
         let all: Vec<usize> = (0..examples.len()).collect();
         let pieces: Vec<&[usize]> = all.chunks(PIECE).collect();
         let (shape, packed) = (self.shape, &self.packed);
         let parts = in_order(&pieces, self.threads, |piece| {
-            let mut bench = Bench::default();
+            let mut bench = LayerBuffers::default();
             let inputs = gather(examples, piece, shape.inputs);
             let outputs = bench.outputs(shape, packed, &inputs);
-            let mut tally = Tally::new(step_s);
+            let mut tally = ErrorSums::new(step_s);
             for (output, example) in outputs.as_chunks::<OUTPUTS>().0.iter().zip(*piece) {
                 tally.add(output, &examples.targets[*example], examples.known[*example]);
             }
             tally
         });
-        let mut sum = Tally::new(step_s);
+        let mut sum = ErrorSums::new(step_s);
         parts.iter().for_each(|part| sum.merge(part));
         sum
     }
@@ -357,15 +337,15 @@ fn differentiate(outputs: &mut [f32], corpus: &Examples, piece: &[usize], rows: 
     for (row, example) in outputs.as_chunks_mut::<OUTPUTS>().0.iter_mut().zip(piece) {
         let known = usize::from(corpus.known[*example]);
         let target = &corpus.targets[*example];
-        for (place, (output, target)) in row.iter_mut().zip(target).enumerate() {
-            if place / 2 >= known {
+        for (index, (output, target)) in row.iter_mut().zip(target).enumerate() {
+            if index / 2 >= known {
                 *output = 0.0;
                 continue;
             }
             let error = *output - target;
             let pull = error.clamp(-HUBER, HUBER);
-            loss += f64::from(weights[place / 2] * pull * (error + error - pull) / rows);
-            *output = 2.0 * weights[place / 2] * pull / rows;
+            loss += f64::from(weights[index / 2] * pull * (error + error - pull) / rows);
+            *output = 2.0 * weights[index / 2] * pull / rows;
         }
     }
     loss

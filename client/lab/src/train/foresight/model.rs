@@ -5,7 +5,7 @@ use foretrace_control::predict::models::foresight::{
     Dense, FEATURES, ForesightError, ForesightSpec, ForesightWeights, LAYERS, SHAPES,
 };
 
-use super::network::Shape;
+use super::network::ForesightShape;
 use super::study::Study;
 
 /// The network of a training on a grid of `step_ns` \[ns\]; inputs that an ablation left out get weight 0.
@@ -17,7 +17,7 @@ pub fn weights_of(
     parameters: &[f32],
     step_ns: u64,
 ) -> Result<ForesightWeights, ForesightError> {
-    let shape = Shape { inputs: study.inputs() };
+    let shape = ForesightShape { inputs: study.inputs() };
     let absent: Vec<usize> = study.absent().collect();
     let mut layers: [Dense; LAYERS] = Default::default();
     let trained = shape.split(parameters).into_iter().zip(SHAPES).enumerate();

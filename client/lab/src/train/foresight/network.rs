@@ -4,19 +4,19 @@ use foretrace_control::predict::models::foresight::{HIDDEN, LAYERS, OUTPUTS, act
 use rand::RngExt as _;
 use rand_pcg::Pcg64;
 
-use super::product::{COLUMNS, Left, ROWS, Right, add_product};
+use super::product::{COLUMNS, LeftFactor, ROWS, RightFactor, add_product};
 
 /// Examples of a piece: what a thread does at a time, and what is summed on its own.
 pub(super) const PIECE: usize = 64;
 
 /// Number of inputs, the hidden layers and outputs being those of the loop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Shape {
+pub struct ForesightShape {
     /// Inputs, a multiple of `ROWS`.
     pub inputs: usize,
 }
 
-impl Shape {
+impl ForesightShape {
     /// For at least so many inputs; those past them are zero.
     #[must_use]
     pub fn of(inputs: usize) -> Self {
@@ -64,14 +64,13 @@ impl Shape {
 #[derive(Debug, Clone, Default)]
 pub(super) struct Packed {
     /// W, inputs x outputs.
-    forward: [Right; LAYERS],
-    /// Its transpose.
-    backward: [Right; LAYERS],
+    forward: [RightFactor; LAYERS],
+    backward: [RightFactor; LAYERS],
     biases: [Vec<f32>; LAYERS],
 }
 
 impl Packed {
-    pub(super) fn fill(&mut self, shape: Shape, parameters: &[f32], learning: bool) {
+    pub(super) fn fill(&mut self, shape: ForesightShape, parameters: &[f32], learning: bool) {
         for (layer, ((inputs, outputs), (weights, biases))) in
             shape.layers().into_iter().zip(shape.split(parameters)).enumerate()
         {
@@ -86,20 +85,19 @@ impl Packed {
 
 /// The tools of one thread.
 #[derive(Debug, Default)]
-pub(super) struct Bench {
+pub(super) struct LayerBuffers {
     /// Values before the activation, per layer.
     sums: [Vec<f32>; LAYERS],
-    /// Values after it.
     values: [Vec<f32>; LAYERS],
-    left: Left,
-    right: Right,
+    left: LeftFactor,
+    right: RightFactor,
     back: Vec<f32>,
     errors: Vec<f32>,
 }
 
-impl Bench {
+impl LayerBuffers {
     /// Outputs for `inputs`, [`PIECE`] rows.
-    pub(super) fn outputs(&mut self, shape: Shape, packed: &Packed, inputs: &[f32]) -> &[f32] {
+    pub(super) fn outputs(&mut self, shape: ForesightShape, packed: &Packed, inputs: &[f32]) -> &[f32] {
         for (layer, (width, outputs)) in shape.layers().into_iter().enumerate() {
             let (before, _) = self.values.split_at(layer);
             let given = before.last().map_or(inputs, Vec::as_slice);
@@ -124,7 +122,7 @@ impl Bench {
     /// Adds the gradient to `gradient`, for the `slopes` of the loss by the outputs of the last pass.
     pub(super) fn add_gradient(
         &mut self,
-        shape: Shape,
+        shape: ForesightShape,
         packed: &Packed,
         inputs: &[f32],
         slopes: &[f32],

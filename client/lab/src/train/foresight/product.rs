@@ -12,19 +12,19 @@ pub(super) const COLUMNS: usize = 16;
 
 /// The left factor, M x K: for every four rows, K columns of four numbers.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Left {
+pub(super) struct LeftFactor {
     tiles: Vec<[f32; ROWS]>,
     terms: usize,
 }
 
 /// The right factor, K x N: for every sixteen columns, K rows of sixteen numbers.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Right {
+pub(super) struct RightFactor {
     tiles: Vec<[f32; COLUMNS]>,
     terms: usize,
 }
 
-impl Left {
+impl LeftFactor {
     /// Fills it from `number(m, k)`; `rows` is a multiple of [`ROWS`].
     pub(super) fn fill(&mut self, rows: usize, terms: usize, number: impl Fn(usize, usize) -> f32) {
         debug_assert!(rows.is_multiple_of(ROWS), "{rows}");
@@ -37,7 +37,7 @@ impl Left {
     }
 }
 
-impl Right {
+impl RightFactor {
     /// Fills it from `number(k, n)`; `columns` is a multiple of [`COLUMNS`].
     pub(super) fn fill(&mut self, terms: usize, columns: usize, number: impl Fn(usize, usize) -> f32) {
         debug_assert!(columns.is_multiple_of(COLUMNS), "{columns}");
@@ -52,7 +52,7 @@ impl Right {
 
 /// `out` (M x N, row by row) += `left` · `right`.
 #[multiversion(targets("x86_64+avx+avx2+bmi1+bmi2+lzcnt+popcnt"))]
-pub(super) fn add_product(out: &mut [f32], columns: usize, left: &Left, right: &Right) {
+pub(super) fn add_product(out: &mut [f32], columns: usize, left: &LeftFactor, right: &RightFactor) {
     let terms = left.terms.max(1);
     for (rows, a) in out.chunks_exact_mut(ROWS * columns).zip(left.tiles.chunks_exact(terms)) {
         for (block, b) in right.tiles.chunks_exact(terms).enumerate() {
@@ -83,13 +83,13 @@ mod tests {
         let (m, k, n) = (8, 7, 32);
         let a = |m: usize, k: usize| (m as f32 - 3.0) * 0.5 + k as f32;
         let b = |k: usize, n: usize| (n as f32 * 0.25 - k as f32).sin();
-        let (mut left, mut right) = (Left::default(), Right::default());
+        let (mut left, mut right) = (LeftFactor::default(), RightFactor::default());
         left.fill(m, k, a);
         right.fill(k, n, b);
         let mut out = vec![1.0; m * n];
         add_product(&mut out, n, &left, &right);
-        for (place, got) in out.iter().enumerate() {
-            let (row, column) = (place / n, place % n);
+        for (index, got) in out.iter().enumerate() {
+            let (row, column) = (index / n, index % n);
             let expected: f64 = (0..k).map(|k| f64::from(a(row, k)) * f64::from(b(k, column))).sum();
             assert!((f64::from(*got) - 1.0 - expected).abs() < 1e-4, "{row} {column}: {got} {expected}");
         }

@@ -16,7 +16,7 @@ pub(super) fn weights() -> [f32; NODE_COUNT] {
 
 /// Sums of errors over examples.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Tally {
+pub struct ErrorSums {
     step_s: f64,
     loss: f64,
     examples: f64,
@@ -24,27 +24,26 @@ pub struct Tally {
     sums: [[f64; 2]; LEADS_S.len()],
 }
 
-impl Tally {
+impl ErrorSums {
     /// Nothing seen, on a grid of `step_s` \[s\].
     #[must_use]
     pub fn new(step_s: f64) -> Self {
         Self { step_s, loss: 0.0, examples: 0.0, sums: [[0.0; 2]; LEADS_S.len()] }
     }
 
-    /// Adds one example.
     pub fn add(&mut self, output: &[f32; OUTPUTS], target: &[f32; OUTPUTS], known: u8) {
         let known = usize::from(known);
         self.examples += 1.0;
-        for (place, (output, target)) in output.iter().zip(target).take(2 * known).enumerate() {
+        for (index, (output, target)) in output.iter().zip(target).take(2 * known).enumerate() {
             let error = f64::from(output - target);
-            self.loss += f64::from(weights()[place / 2]) * error * error;
+            self.loss += f64::from(weights()[index / 2]) * error * error;
         }
         for (lead_s, [error, still]) in LEADS_S.iter().zip(&mut self.sums) {
             let lead = lead_s / self.step_s;
-            let (Some(said), Some(real)) = (way(output, known, lead), way(target, known, lead)) else {
+            let (Some(predicted), Some(real)) = (way(output, known, lead), way(target, known, lead)) else {
                 continue;
             };
-            *error += (said[0] - real[0]).powi(2) + (said[1] - real[1]).powi(2);
+            *error += (predicted[0] - real[0]).powi(2) + (predicted[1] - real[1]).powi(2);
             *still += real[0].powi(2) + real[1].powi(2);
         }
     }
@@ -70,7 +69,7 @@ impl Tally {
         &self.sums
     }
 
-    /// In the places that a checkpoint has: the loss, and the shares at both leads and their mean.
+    /// In the slots that a checkpoint has: the loss, and the shares at both leads and their mean.
     #[must_use]
     pub fn scores(&self) -> Scores {
         let [near, far] = self.shares();

@@ -4,7 +4,7 @@ use foretrace_control::pen::{TARGET_RMS, Touch};
 use foretrace_control::predict::models::foresight::features::{block_for, block_of, kinds};
 use foretrace_control::predict::models::foresight::{FEATURES, turned};
 
-use super::network::Shape;
+use super::network::ForesightShape;
 
 /// Inputs about the whole letter.
 const LETTER: usize = 12;
@@ -40,7 +40,6 @@ impl Context {
     /// All of them, in the order of what they know.
     pub const ALL: [Self; 4] = [Self::Short, Self::Second, Self::Letter, Self::Told];
 
-    /// Name in options.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -55,7 +54,6 @@ impl Context {
 /// The inputs of a network.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Study {
-    /// Left out.
     pub without: Without,
     /// Known of the past.
     pub context: Context,
@@ -76,7 +74,7 @@ impl Study {
             Context::Letter => LETTER,
             Context::Told => LETTER + LABELS,
         };
-        Shape::of(FEATURES + more).inputs
+        ForesightShape::of(FEATURES + more).inputs
     }
 
     /// Inputs that an ablation holds at zero.
@@ -97,8 +95,8 @@ impl Study {
             row[absent] = 0.0;
         }
         if self.context == Context::Letter || self.context == Context::Told {
-            let told = row[FEATURES..].iter_mut().zip(teller.letter(frame));
-            told.for_each(|(place, number)| *place = number as f32);
+            let letter = row[FEATURES..].iter_mut().zip(teller.letter(frame));
+            letter.for_each(|(slot, number)| *slot = number as f32);
         }
         if self.context == Context::Told {
             row[FEATURES + LETTER + teller.label] = 1.0;

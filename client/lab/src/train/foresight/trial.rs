@@ -6,10 +6,10 @@ use std::ops::ControlFlow;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_pcg::Pcg64;
 
-use super::corpus::{Change, Writing};
-use super::fit::{Engine, Fit, Plan, of_writing};
-use super::network::Shape;
-use super::score::{LEADS_S, Tally};
+use super::corpus::{Distortion, Writing};
+use super::fit::{ForesightFit, ForesightPlan, GradientEngine, of_writing};
+use super::network::ForesightShape;
+use super::score::{ErrorSums, LEADS_S};
 use super::study::{Context, Study, Without};
 use crate::train::fit::FitError;
 
@@ -18,14 +18,14 @@ const BOOTSTRAPS: usize = 2000;
 
 /// One way to train.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Trial {
+pub struct ForesightTrial {
     /// What the network sees.
     pub study: Study,
     /// The set that it is not trained on.
     pub left_out: Option<String>,
 }
 
-impl Trial {
+impl ForesightTrial {
     /// The loop's inputs, each kind left out, all of them left out, more context, and each of `sets` left
     /// out of the training.
     #[must_use]
@@ -80,11 +80,8 @@ pub struct Judgement {
     pub lead_s: f64,
     /// Squared error over that of standing still.
     pub share: f64,
-    /// Lower end.
     pub low: f64,
-    /// Upper end.
     pub high: f64,
-    /// Writers.
     pub writers: usize,
 }
 
@@ -93,13 +90,13 @@ pub struct Judgement {
 /// # Errors
 /// [`FitError`].
 pub fn train(
-    plan: &Plan,
+    plan: &ForesightPlan,
     train: Vec<Writing>,
     threads: usize,
     mut watch: impl FnMut(f64) -> ControlFlow<()>,
 ) -> Result<Vec<f32>, FitError> {
     let epochs = plan.epochs.max(1) as f64;
-    let mut fit = Fit::new(plan.clone(), (train, Vec::new()), threads, None);
+    let mut fit = ForesightFit::new(plan.clone(), (train, Vec::new()), threads, None);
     while !fit.is_finished() {
         let before = fit.state().history.len() as f64;
         fit.epoch(|share| watch((before + share) / epochs))?;
@@ -109,18 +106,23 @@ pub fn train(
 
 /// The errors of a network on `writings`, as recorded.
 #[must_use]
-pub fn judge(plan: &Plan, parameters: &[f32], writings: &[Writing], threads: usize) -> Vec<Judgement> {
+pub fn judge(
+    plan: &ForesightPlan,
+    parameters: &[f32],
+    writings: &[Writing],
+    threads: usize,
+) -> Vec<Judgement> {
     let step_s = plan.step_ns as f64 * 1e-9;
-    let mut engine = Engine::new(Shape { inputs: plan.study.inputs() }, threads, plan.study);
-    let mut writers: BTreeMap<&str, Tally> = BTreeMap::new();
+    let mut engine = GradientEngine::new(ForesightShape { inputs: plan.study.inputs() }, threads, plan.study);
+    let mut writers: BTreeMap<&str, ErrorSums> = BTreeMap::new();
     for writing in writings {
-        let examples = of_writing(writing, &Change::NONE, plan.step_ns, &plan.study);
+        let examples = of_writing(writing, &Distortion::NONE, plan.step_ns, &plan.study);
         let tally = engine.tally(parameters, &examples, step_s);
-        writers.entry(&writing.writer).or_insert_with(|| Tally::new(step_s)).merge(&tally);
+        writers.entry(&writing.writer).or_insert_with(|| ErrorSums::new(step_s)).merge(&tally);
     }
-    let tallies: Vec<Tally> = writers.into_values().collect();
+    let tallies: Vec<ErrorSums> = writers.into_values().collect();
     let judgement = |(lead, lead_s): (usize, &f64)| {
-        let share = |tallies: &mut dyn Iterator<Item = &Tally>| {
+        let share = |tallies: &mut dyn Iterator<Item = &ErrorSums>| {
             let sums = tallies.map(|tally| tally.sums()[lead]);
             let [error, still] = sums.fold([0.0; 2], |[a, b], [error, still]| [a + error, b + still]);
             if still > 0.0 { error / still } else { 0.0 }

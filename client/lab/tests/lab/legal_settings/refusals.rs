@@ -28,7 +28,7 @@ fn a_jerk_that_is_too_little_is_refused_with_one_that_is_not() {
 }
 
 /// The number before `unit` in a refusal.
-fn told(refused: &str, unit: &str) -> f64 {
+fn suggested(refused: &str, unit: &str) -> f64 {
     let before = refused.split(&format!(" {unit}")).next().unwrap();
     before
         .rsplit(' ')
@@ -46,7 +46,7 @@ fn joints_that_could_not_ease_are_refused_with_a_jerk_that_does() {
     };
     let refused = with(1.0).unwrap_err().to_string();
     assert!(refused.contains("joint 4") && refused.contains("robot.jerk_radps3"), "{refused}");
-    let config = with(told(&refused, "rad/s³ would do")).unwrap();
+    let config = with(suggested(&refused, "rad/s³ would do")).unwrap();
     for seed in 0..8 {
         let seen = drive::live(&config, &mut Pcg64::seed_from_u64(seed), Length::LONG);
         assert_eq!(wrong(&config, &seen), Vec::<String>::new(), "{}", seen.pen);
@@ -62,9 +62,9 @@ fn a_hurry_that_swings_at_the_limits_is_refused_with_a_gain_that_does_not() {
     };
     let refused = with(1000.0).unwrap_err().to_string();
     assert!(refused.contains("does not come to rest") && refused.contains("mpc.feedback"), "{refused}");
-    let (_, told) =
+    let (_, suggested) =
         refused.split_once("a feedback gain on position of ").unwrap_or_else(|| panic!("{refused}"));
-    let config = with(told.split(' ').next().unwrap().parse().unwrap()).unwrap();
+    let config = with(suggested.split(' ').next().unwrap().parse().unwrap()).unwrap();
     for seed in 0..8 {
         let seen = drive::live(&config, &mut Pcg64::seed_from_u64(seed), Length::LONG);
         assert_eq!(wrong(&config, &seen), Vec::<String>::new(), "{}", seen.pen);

@@ -13,7 +13,7 @@ const ENTRIES: usize = 64;
 
 /// What a viewer wants to be set.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) enum Setting {
+pub(crate) enum ViewerSetting {
     Trust(f64),
     TrustAuto,
     Predictor(String),
@@ -21,13 +21,13 @@ pub(crate) enum Setting {
 
 /// What a viewer says.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) enum Said {
+pub(crate) enum ViewerMessage {
     /// Number of each subscription, and its channel.
     Subscribe(Vec<(u32, u64)>),
     Unsubscribe(Vec<u32>),
     /// Names, all of them where there are none; an id for the answer.
     GetParameters(Vec<String>, Option<String>),
-    SetParameters(Vec<(String, Setting)>, Option<String>),
+    SetParameters(Vec<(String, ViewerSetting)>, Option<String>),
     SubscribeParameters(Vec<String>),
     UnsubscribeParameters(Vec<String>),
     /// Call, with the token that its payload may carry.
@@ -72,53 +72,49 @@ struct Parameter {
 }
 
 /// Reads a text of a viewer.
-pub(crate) fn text(text: &str) -> Result<Said, &'static str> {
+pub(crate) fn text(text: &str) -> Result<ViewerMessage, &'static str> {
     if text.len() > MESSAGE_BYTES {
         return Err("message too long");
     }
     let text: Text = serde_json::from_str(text).map_err(|_| "message not understood")?;
-    let names = |names: Vec<String>| if names.len() > ENTRIES { Err("list too long") } else { Ok(names) };
-    match text {
-        Text::Subscribe { subscriptions } if subscriptions.len() <= ENTRIES => {
-            Ok(Said::Subscribe(subscriptions.into_iter().map(|one| (one.id, one.channel_id)).collect()))
+    fn bounded<T>(list: Vec<T>) -> Result<Vec<T>, &'static str> {
+        if list.len() > ENTRIES { Err("list too long") } else { Ok(list) }
+    }
+    let short = |id: Option<String>| match id {
+        Some(id) if id.len() > 256 => Err("id too long"),
+        id => Ok(id),
+    };
+    Ok(match text {
+        Text::Subscribe { subscriptions } => {
+            let wanted = bounded(subscriptions)?.into_iter().map(|one| (one.id, one.channel_id));
+            ViewerMessage::Subscribe(wanted.collect())
         }
-        Text::Unsubscribe { subscription_ids } if subscription_ids.len() <= ENTRIES => {
-            Ok(Said::Unsubscribe(subscription_ids))
-        }
+        Text::Unsubscribe { subscription_ids } => ViewerMessage::Unsubscribe(bounded(subscription_ids)?),
         Text::GetParameters { parameter_names, id } => {
-            if id.as_ref().is_some_and(|id| id.len() > 256) {
-                return Err("id too long");
-            }
-            Ok(Said::GetParameters(names(parameter_names)?, id))
+            ViewerMessage::GetParameters(bounded(parameter_names)?, short(id)?)
         }
-        Text::SetParameters { parameters, id } if parameters.len() <= ENTRIES => {
-            if id.as_ref().is_some_and(|id| id.len() > 256) {
-                return Err("id too long");
-            }
-            let settings = parameters.into_iter().map(setting).collect::<Result<_, _>>()?;
-            Ok(Said::SetParameters(settings, id))
+        Text::SetParameters { parameters, id } => {
+            let (parameters, id) = (bounded(parameters)?, short(id)?);
+            ViewerMessage::SetParameters(parameters.into_iter().map(setting).collect::<Result<_, _>>()?, id)
         }
         Text::SubscribeParameterUpdates { parameter_names } => {
-            Ok(Said::SubscribeParameters(names(parameter_names)?))
+            ViewerMessage::SubscribeParameters(bounded(parameter_names)?)
         }
         Text::UnsubscribeParameterUpdates { parameter_names } => {
-            Ok(Said::UnsubscribeParameters(names(parameter_names)?))
+            ViewerMessage::UnsubscribeParameters(bounded(parameter_names)?)
         }
-        Text::Subscribe { .. } | Text::Unsubscribe { .. } | Text::SetParameters { .. } => {
-            Err("list too long")
-        }
-        Text::Other => Err("not offered here"),
-    }
+        Text::Other => return Err("not offered here"),
+    })
 }
 
-fn setting(Parameter { name, value }: Parameter) -> Result<(String, Setting), &'static str> {
+fn setting(Parameter { name, value }: Parameter) -> Result<(String, ViewerSetting), &'static str> {
     let setting = match (name.as_str(), &value) {
-        ("trust", Value::String(word)) if word == "auto" => Setting::TrustAuto,
+        ("trust", Value::String(word)) if word == "auto" => ViewerSetting::TrustAuto,
         ("trust", value) => match value.as_f64() {
-            Some(trust) if (0.0..=1.0).contains(&trust) => Setting::Trust(trust),
+            Some(trust) if (0.0..=1.0).contains(&trust) => ViewerSetting::Trust(trust),
             _ => return Err("trust is a number from 0 to 1, or \"auto\""),
         },
-        ("predictor", Value::String(word)) if word.len() <= 64 => Setting::Predictor(word.clone()),
+        ("predictor", Value::String(word)) if word.len() <= 64 => ViewerSetting::Predictor(word.clone()),
         ("predictor", _) => return Err("predictor is a name"),
         _ => return Err("only trust and predictor can be set"),
     };
@@ -126,7 +122,7 @@ fn setting(Parameter { name, value }: Parameter) -> Result<(String, Setting), &'
 }
 
 /// Reads bytes of a viewer.
-pub(crate) fn binary(bytes: &[u8]) -> Result<Said, &'static str> {
+pub(crate) fn binary(bytes: &[u8]) -> Result<ViewerMessage, &'static str> {
     if bytes.len() > MESSAGE_BYTES {
         return Err("message too long");
     }
@@ -147,7 +143,7 @@ pub(crate) fn binary(bytes: &[u8]) -> Result<Said, &'static str> {
                 [] => Payload::default(),
                 payload => serde_json::from_slice(payload).map_err(|_| "message not understood")?,
             };
-            Ok(Said::Call { service, call, token: payload.token })
+            Ok(ViewerMessage::Call { service, call, token: payload.token })
         }
         Some((1 | 3, _)) => Err("not offered here"),
         _ => Err("message not understood"),
@@ -184,18 +180,24 @@ mod tests {
     fn every_message_of_a_viewer_is_read() {
         let trust = vec!["trust".to_owned()];
         let wanted = [
-            Said::Subscribe(vec![(0, 1), (7, 2)]),
-            Said::Unsubscribe(vec![0]),
-            Said::GetParameters(trust.clone(), Some("a".to_owned())),
-            Said::SetParameters(vec![("trust".to_owned(), Setting::Trust(0.5))], Some("a".to_owned())),
-            Said::SubscribeParameters(Vec::new()),
-            Said::UnsubscribeParameters(trust),
+            ViewerMessage::Subscribe(vec![(0, 1), (7, 2)]),
+            ViewerMessage::Unsubscribe(vec![0]),
+            ViewerMessage::GetParameters(trust.clone(), Some("a".to_owned())),
+            ViewerMessage::SetParameters(
+                vec![("trust".to_owned(), ViewerSetting::Trust(0.5))],
+                Some("a".to_owned()),
+            ),
+            ViewerMessage::SubscribeParameters(Vec::new()),
+            ViewerMessage::UnsubscribeParameters(trust),
         ];
         for (given, wanted) in TEXTS.iter().zip(wanted) {
             assert_eq!(text(given), Ok(wanted), "{given}");
         }
-        let called =
-            |token: Option<&str>| Said::Call { service: 2, call: 9, token: token.map(str::to_owned) };
+        let called = |token: Option<&str>| ViewerMessage::Call {
+            service: 2,
+            call: 9,
+            token: token.map(str::to_owned),
+        };
         assert_eq!(binary(&call("json", r#"{"token":"x"}"#)), Ok(called(Some("x"))));
         assert_eq!(binary(&call("", "")), Ok(called(None)));
         assert_eq!(binary(&call("json", "{}")), Ok(called(None)));
@@ -272,10 +274,12 @@ mod tests {
             let said =
                 if kind < TEXTS.len() { text(&String::from_utf8_lossy(&bytes)) } else { binary(&bytes) };
             match said {
-                Ok(Said::SetParameters(settings, _)) => {
+                Ok(ViewerMessage::SetParameters(settings, _)) => {
                     outcomes[kind].0 += 1;
                     for (_, setting) in settings {
-                        assert!(!matches!(setting, Setting::Trust(trust) if !(0.0..=1.0).contains(&trust)));
+                        assert!(
+                            !matches!(setting, ViewerSetting::Trust(trust) if !(0.0..=1.0).contains(&trust))
+                        );
                     }
                 }
                 Ok(_) => outcomes[kind].0 += 1,

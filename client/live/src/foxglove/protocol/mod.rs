@@ -7,27 +7,31 @@
 mod client_message;
 mod server_message;
 
-pub(crate) use client_message::{Said, Setting, binary, text};
-use foretrace_record::topics::Topic;
+pub(crate) use client_message::{ViewerMessage, ViewerSetting, binary, text};
+use foretrace_record::topics::RecordingTopic;
 pub(crate) use server_message::{
-    Level, advertise, advertise_services, call_done, call_failed, message_data, parameter_values,
+    StatusLevel, advertise, advertise_services, call_done, call_failed, message_data, parameter_values,
     remove_status, server_info, status, time,
 };
 
 /// Largest message of a viewer \[bytes\].
 pub(crate) const MESSAGE_BYTES: usize = 64 << 10;
-/// Topics that viewers get, each at the channel of its place here, from 1.
-pub(crate) const CHANNELS: [Topic; 5] =
-    [Topic::Tick, Topic::Frames, Topic::Log, Topic::Scene, Topic::Preview];
+/// Topics that viewers get, each at the channel of its index here, from 1.
+pub(crate) const CHANNELS: [RecordingTopic; 5] = [
+    RecordingTopic::Tick,
+    RecordingTopic::Frames,
+    RecordingTopic::Log,
+    RecordingTopic::Scene,
+    RecordingTopic::Preview,
+];
 
-/// A service.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Service {
+pub(crate) enum ViewerService {
     Stop,
     Arm,
 }
 
-impl Service {
+impl ViewerService {
     pub(crate) const ALL: [Self; 2] = [Self::Stop, Self::Arm];
 
     pub(crate) const fn id(self) -> u32 {

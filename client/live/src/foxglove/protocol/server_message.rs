@@ -1,9 +1,9 @@
-//! What a viewer is told.
+//! What a viewer is sent.
 
 use data_encoding::BASE64;
 use serde_json::{Value, json};
 
-use super::{CHANNELS, Service};
+use super::{CHANNELS, ViewerService};
 
 /// What the server is and can; the first message to a viewer.
 pub(crate) fn server_info(session: &str) -> String {
@@ -37,18 +37,17 @@ pub(crate) fn advertise() -> String {
     json!({ "op": "advertise", "channels": channels }).to_string()
 }
 
-/// The services.
 pub(crate) fn advertise_services() -> String {
     let schema = |name: &str, properties: Value| {
         let schema = json!({ "type": "object", "properties": properties }).to_string();
         json!({ "encoding": "json", "schemaName": name, "schemaEncoding": "jsonschema", "schema": schema })
     };
-    let services: Vec<Value> = Service::ALL
+    let services: Vec<Value> = ViewerService::ALL
         .into_iter()
         .map(|service| {
             let asked = match service {
-                Service::Stop => schema("foretrace.Stop", json!({})),
-                Service::Arm => schema("foretrace.Arm", json!({ "token": { "type": "string" } })),
+                ViewerService::Stop => schema("foretrace.Stop", json!({})),
+                ViewerService::Arm => schema("foretrace.Arm", json!({ "token": { "type": "string" } })),
             };
             json!({
                 "id": service.id(),
@@ -64,17 +63,21 @@ pub(crate) fn advertise_services() -> String {
 
 /// How grave a status is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Level {
+pub(crate) enum StatusLevel {
     Warning = 1,
     Error = 2,
 }
 
-pub(crate) fn status(level: Level, words: &str, id: Option<&str>) -> String {
-    let mut status = json!({ "op": "status", "level": level as u8, "message": words });
-    if let (Some(id), Some(fields)) = (id, status.as_object_mut()) {
+pub(crate) fn status(level: StatusLevel, words: &str, id: Option<&str>) -> String {
+    with_id(json!({ "op": "status", "level": level as u8, "message": words }), id)
+}
+
+/// The text of `message`, with an id where there is one.
+fn with_id(mut message: Value, id: Option<&str>) -> String {
+    if let (Some(id), Some(fields)) = (id, message.as_object_mut()) {
         fields.insert("id".to_owned(), id.into());
     }
-    status.to_string()
+    message.to_string()
 }
 
 pub(crate) fn remove_status(id: &str) -> String {
@@ -90,11 +93,7 @@ pub(crate) fn parameter_values(values: &[(&str, Value)], id: Option<&str>) -> St
             _ => json!({ "name": name, "value": value }),
         })
         .collect();
-    let mut values = json!({ "op": "parameterValues", "parameters": parameters });
-    if let (Some(id), Some(fields)) = (id, values.as_object_mut()) {
-        fields.insert("id".to_owned(), id.into());
-    }
-    values.to_string()
+    with_id(json!({ "op": "parameterValues", "parameters": parameters }), id)
 }
 
 pub(crate) fn call_failed(service: u32, call: u32, words: &str) -> String {
@@ -102,28 +101,16 @@ pub(crate) fn call_failed(service: u32, call: u32, words: &str) -> String {
 }
 
 pub(crate) fn call_done(service: u32, call: u32, words: &str) -> Vec<u8> {
-    let mut bytes = vec![3];
-    for number in [service, call, 4] {
-        bytes.extend_from_slice(&number.to_le_bytes());
-    }
-    bytes.extend_from_slice(b"json");
-    bytes.extend_from_slice(json!({ "words": words }).to_string().as_bytes());
-    bytes
+    let numbers = [service, call, 4].map(u32::to_le_bytes);
+    [&[3][..], numbers.as_flattened(), b"json", json!({ "words": words }).to_string().as_bytes()].concat()
 }
 
 pub(crate) fn message_data(subscription: u32, time_ns: u64, data: &[u8]) -> Vec<u8> {
-    let mut bytes = Vec::with_capacity(13 + data.len());
-    bytes.push(1);
-    bytes.extend_from_slice(&subscription.to_le_bytes());
-    bytes.extend_from_slice(&time_ns.to_le_bytes());
-    bytes.extend_from_slice(data);
-    bytes
+    [&[1][..], &subscription.to_le_bytes(), &time_ns.to_le_bytes(), data].concat()
 }
 
 pub(crate) fn time(time_ns: u64) -> Vec<u8> {
-    let mut bytes = vec![2];
-    bytes.extend_from_slice(&time_ns.to_le_bytes());
-    bytes
+    [&[2][..], &time_ns.to_le_bytes()].concat()
 }
 
 #[cfg(test)]
@@ -131,7 +118,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_viewers_are_told_has_the_form_of_the_protocol() {
+    fn what_viewers_are_reported_has_the_form_of_the_protocol() {
         let advertised: Value = serde_json::from_str(&advertise()).unwrap();
         for (channel, topic) in advertised["channels"].as_array().unwrap().iter().zip(CHANNELS) {
             assert_eq!(channel["topic"], topic.name());

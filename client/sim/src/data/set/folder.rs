@@ -2,7 +2,7 @@
 //!
 //! Hidden files, links to folders and folders named `include` (UNIPEN's library) are passed over.
 
-use super::{Row, SetError};
+use super::{ListedFile, SetError};
 use crate::data::Format;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -11,23 +11,23 @@ const DEPTH_MAX: usize = 16;
 const FILES_MAX: usize = 200_000;
 
 /// The recordings below `folder`, by name, with the parts that their names tell.
-pub(super) fn find(folder: &Path) -> Result<Vec<Row>, SetError> {
+pub(super) fn find(folder: &Path) -> Result<Vec<ListedFile>, SetError> {
     let mut files = Vec::new();
     walk(folder, "", 0, &mut files)?;
     files.sort();
-    let told: Vec<Option<Format>> =
+    let by_contents: Vec<Option<Format>> =
         files.iter().map(|f| Format::of_file(&folder.join(f)).unwrap_or_default()).collect();
-    let named: Vec<Option<Format>> = files.iter().map(|f| Format::of_name(Path::new(f))).collect();
+    let by_name: Vec<Option<Format>> = files.iter().map(|f| Format::of_name(Path::new(f))).collect();
     // Names decide only if no contents do: then every file is bad, and each gives its reason.
-    let format = match only(folder, &files, &told)? {
+    let format = match only(folder, &files, &by_contents)? {
         Some(format) => format,
-        None => only(folder, &files, &named)?
+        None => only(folder, &files, &by_name)?
             .ok_or_else(|| SetError::NoFormat { folder: folder.to_path_buf() })?,
     };
-    let rows = files.into_iter().zip(told.into_iter().zip(named));
+    let rows = files.into_iter().zip(by_contents.into_iter().zip(by_name));
     Ok(rows
-        .filter(|(_, (told, named))| told.or(*named) == Some(format))
-        .map(|(file, _)| Row {
+        .filter(|(_, (by_contents, by_name))| by_contents.or(*by_name) == Some(format))
+        .map(|(file, _)| ListedFile {
             word: format.natural_split(&file).map(str::to_owned),
             file,
             writer: String::new(),

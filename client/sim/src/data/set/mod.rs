@@ -25,7 +25,6 @@ pub struct DataSet {
 pub struct SetFile {
     /// Path relative to the set's folder, as written in `split.tsv`.
     pub file: String,
-    /// The ink.
     pub recording: Recording,
 }
 
@@ -35,16 +34,10 @@ pub struct SetFile {
 pub enum SetError {
     /// The folder or its `split.tsv` cannot be read.
     #[error("{}: {why}", path.display())]
-    Unreadable {
-        /// Folder or table.
-        path: PathBuf,
-        /// The reason.
-        why: String,
-    },
+    Unreadable { path: PathBuf, why: String },
     /// A row or header of `split.tsv` that does not fit.
     #[error("{}:{line}: {why}", file.display())]
     Row {
-        /// The table.
         file: PathBuf,
         /// Line from 1.
         line: usize,
@@ -53,17 +46,13 @@ pub enum SetError {
     },
     /// No file of a known format.
     #[error("{}: no recording in this folder; a set is a folder of {}", folder.display(), Format::ALL_NAMES)]
-    NoFormat {
-        /// The set.
-        folder: PathBuf,
-    },
+    NoFormat { folder: PathBuf },
     /// Files of more than one format and no table that says which belong.
     #[error(
         "{}: more than one format in one folder ({found}); keep one format per folder, or name the files in \
          a split.tsv with the columns set and file", folder.display()
     )]
     Ambiguous {
-        /// The set.
         folder: PathBuf,
         /// The formats, each with a file of it.
         found: String,
@@ -71,9 +60,7 @@ pub enum SetError {
     /// A part that the set does not have.
     #[error("{}: no split {wanted:?}; it has: {}", folder.display(), words.join(", "))]
     NoSuchSplit {
-        /// The set.
         folder: PathBuf,
-        /// As asked for.
         wanted: String,
         /// What there is, `all` included.
         words: Vec<String>,
@@ -85,11 +72,9 @@ pub enum SetError {
     #[error("{}: no readable file in this split ({bad} \
              refused{})", folder.display(), first_suffix(first.as_deref()))]
     Empty {
-        /// The set.
         folder: PathBuf,
         /// How many files were refused.
         bad: usize,
-        /// The first refusal.
         first: Option<Box<FileError>>,
     },
 }
@@ -100,7 +85,7 @@ fn first_suffix(first: Option<&FileError>) -> String {
 
 /// A file of a set before it is loaded.
 #[derive(Debug, Clone, PartialEq, Eq)]
-struct Row {
+struct ListedFile {
     /// Relative to the folder.
     file: String,
     /// The part it belongs to, where the table or its name says one.
@@ -169,12 +154,12 @@ fn name(folder: &Path) -> String {
         .unwrap_or_default()
 }
 
-fn rows(folder: &Path) -> Result<Vec<Row>, SetError> {
+fn rows(folder: &Path) -> Result<Vec<ListedFile>, SetError> {
     let table = folder.join("split.tsv");
     if table.symlink_metadata().is_ok() { table::read(&table) } else { folder::find(folder) }
 }
 
-fn words(rows: &[Row]) -> Vec<String> {
+fn words(rows: &[ListedFile]) -> Vec<String> {
     /// Words that fit into a message, and characters of each.
     const MOST: (usize, usize) = (20, 40);
     let mut words: Vec<String> = Vec::new();
@@ -193,7 +178,7 @@ fn words(rows: &[Row]) -> Vec<String> {
     words
 }
 
-impl Row {
+impl ListedFile {
     fn load(self, folder: &Path) -> Result<SetFile, FileError> {
         let path = folder.join(&self.file);
         let mut recording = match self.format {

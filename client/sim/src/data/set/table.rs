@@ -1,8 +1,8 @@
 //! `split.tsv`: tab-separated, a header that names at least the columns `set` and `file` (optional `writer`).
 //!
-//! Any word may stand in `set`; `file` is relative to the folder. Further columns are for people.
+//! Any word may stand in `set`; `file` is relative to the folder. Further columns are ignored.
 
-use super::{Row, SetError};
+use super::{ListedFile, SetError};
 use crate::data::shortened;
 use foretrace_config::files::read_text;
 use std::path::{Component, Path};
@@ -15,7 +15,7 @@ const CELL_MAX: usize = 4096;
 const TOLD: usize = 200;
 
 /// The rows of the table at `path`, in order.
-pub(super) fn read(path: &Path) -> Result<Vec<Row>, SetError> {
+pub(super) fn read(path: &Path) -> Result<Vec<ListedFile>, SetError> {
     let unreadable = |why: String| SetError::Unreadable {
         path: path.to_path_buf(),
         why: format!("cannot read the split table: {why}"),
@@ -24,7 +24,7 @@ pub(super) fn read(path: &Path) -> Result<Vec<Row>, SetError> {
     parse(&text).map_err(|(line, why)| SetError::Row { file: path.to_path_buf(), line, why })
 }
 
-fn parse(text: &str) -> Result<Vec<Row>, (usize, String)> {
+fn parse(text: &str) -> Result<Vec<ListedFile>, (usize, String)> {
     let mut lines = text.trim_start_matches('\u{feff}').lines().enumerate().map(|(i, l)| (i + 1, l));
     let header: Vec<&str> =
         lines.next().map(|(_, l)| l.split('\t').map(str::trim).collect()).unwrap_or_default();
@@ -52,7 +52,7 @@ fn parse(text: &str) -> Result<Vec<Row>, (usize, String)> {
             return Err((line, format!("file {file} is not a path below the set's folder")));
         }
         let writer = column("writer").map(cell).unwrap_or_default().to_owned();
-        rows.push(Row { file: file.to_owned(), word: Some(word.to_owned()), writer, format: None });
+        rows.push(ListedFile { file: file.to_owned(), word: Some(word.to_owned()), writer, format: None });
     }
     Ok(rows)
 }
@@ -69,7 +69,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_fit_is_said_with_its_line() {
+    fn what_does_not_fit_is_named_with_its_line() {
         for (text, wanted) in [
             ("", (1, "the header must name the columns set and file, found []")),
             (

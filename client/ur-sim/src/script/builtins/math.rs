@@ -8,65 +8,17 @@ fn float(result: f64) -> Result<Value, String> {
     if result.is_nan() { Err("has no value there".to_owned()) } else { Ok(Value::Float(result)) }
 }
 
-pub(super) fn acos(arguments: &[Value]) -> Result<Value, String> {
-    float(number(arguments, 0)?.acos())
+/// A function of one number.
+pub(super) fn one(arguments: &[Value], of: fn(f64) -> f64) -> Result<Value, String> {
+    float(of(number(arguments, 0)?))
 }
 
-pub(super) fn asin(arguments: &[Value]) -> Result<Value, String> {
-    float(number(arguments, 0)?.asin())
+/// A function of two numbers.
+pub(super) fn two(arguments: &[Value], of: fn(f64, f64) -> f64) -> Result<Value, String> {
+    float(of(number(arguments, 0)?, number(arguments, 1)?))
 }
 
-pub(super) fn atan(arguments: &[Value]) -> Result<Value, String> {
-    float(number(arguments, 0)?.atan())
-}
-
-/// The manual's x stands over its y.
-pub(super) fn atan2(arguments: &[Value]) -> Result<Value, String> {
-    float(number(arguments, 0)?.atan2(number(arguments, 1)?))
-}
-
-pub(super) fn cos(arguments: &[Value]) -> Result<Value, String> {
-    float(number(arguments, 0)?.cos())
-}
-
-pub(super) fn sin(arguments: &[Value]) -> Result<Value, String> {
-    float(number(arguments, 0)?.sin())
-}
-
-pub(super) fn tan(arguments: &[Value]) -> Result<Value, String> {
-    float(number(arguments, 0)?.tan())
-}
-
-pub(super) fn d2r(arguments: &[Value]) -> Result<Value, String> {
-    float(number(arguments, 0)?.to_radians())
-}
-
-pub(super) fn r2d(arguments: &[Value]) -> Result<Value, String> {
-    float(number(arguments, 0)?.to_degrees())
-}
-
-pub(super) fn sqrt(arguments: &[Value]) -> Result<Value, String> {
-    float(number(arguments, 0)?.sqrt())
-}
-
-pub(super) fn pow(arguments: &[Value]) -> Result<Value, String> {
-    float(number(arguments, 0)?.powf(number(arguments, 1)?))
-}
-
-/// The logarithm of `f` to the base `b`.
-pub(super) fn log(arguments: &[Value]) -> Result<Value, String> {
-    float(number(arguments, 1)?.log(number(arguments, 0)?))
-}
-
-pub(super) fn ceil(arguments: &[Value]) -> Result<Value, String> {
-    whole(number(arguments, 0)?.ceil())
-}
-
-pub(super) fn floor(arguments: &[Value]) -> Result<Value, String> {
-    whole(number(arguments, 0)?.floor())
-}
-
-/// An integer, or the float where 32 bits are too few.
-fn whole(result: f64) -> Result<Value, String> {
-    float(result).map(|value| value.as_integer().map_or(value, Value::Integer))
+/// A function of one number that gives an integer, or a float where 32 bits are too few.
+pub(super) fn whole(arguments: &[Value], of: fn(f64) -> f64) -> Result<Value, String> {
+    one(arguments, of).map(|value| value.as_integer().map_or(value, Value::Integer))
 }

@@ -26,20 +26,21 @@ const fn own(
 
 /// In the order of the alphabet, which `find` relies on.
 const OWN: [Own; 39] = [
-    own("acos", &["f"], math::acos),
-    own("asin", &["f"], math::asin),
-    own("atan", &["f"], math::atan),
-    own("atan2", &["x", "y"], math::atan2),
+    own("acos", &["f"], |given| math::one(given, f64::acos)),
+    own("asin", &["f"], |given| math::one(given, f64::asin)),
+    own("atan", &["f"], |given| math::one(given, f64::atan)),
+    // The manual's x stands over its y.
+    own("atan2", &["x", "y"], |given| math::two(given, f64::atan2)),
     own("binary_list_to_integer", &["l"], lists::binary_list_to_integer),
-    own("ceil", &["f"], math::ceil),
-    own("cos", &["f"], math::cos),
-    own("d2r", &["d"], math::d2r),
-    own("floor", &["f"], math::floor),
+    own("ceil", &["f"], |given| math::whole(given, f64::ceil)),
+    own("cos", &["f"], |given| math::one(given, f64::cos)),
+    own("d2r", &["d"], |given| math::one(given, f64::to_radians)),
+    own("floor", &["f"], |given| math::whole(given, f64::floor)),
     own("get_list_length", &["v"], lists::length),
     own("integer_to_binary_list", &["x"], lists::integer_to_binary_list),
     own("interpolate_pose", &["p_from", "p_to", "alpha"], pose::interpolate_pose),
     own("length", &["v"], lists::length),
-    own("log", &["b", "f"], math::log),
+    own("log", &["b", "f"], |given| math::two(given, |base, of| of.log(base))),
     own("make_list", &["length", "initial_value"], lists::make_list),
     own("norm", &["a"], lists::norm),
     own("normalize", &["v"], lists::normalize),
@@ -48,20 +49,20 @@ const OWN: [Own; 39] = [
     own("pose_inv", &["p_from"], pose::pose_inv),
     own("pose_sub", &["p_to", "p_from"], pose::pose_sub),
     own("pose_trans", &["p_from", "p_from_to"], pose::pose_trans),
-    own("pow", &["base", "exponent"], math::pow),
-    own("r2d", &["r"], math::r2d),
+    own("pow", &["base", "exponent"], |given| math::two(given, f64::powf)),
+    own("r2d", &["r"], |given| math::one(given, f64::to_degrees)),
     own("rotvec2rpy", &["rotation_vector"], pose::rotvec2rpy),
     own("rpy2rotvec", &["rpy_vector"], pose::rpy2rotvec),
-    own("sin", &["f"], math::sin),
+    own("sin", &["f"], |given| math::one(given, f64::sin)),
     own("size", &["v"], lists::size),
-    own("sqrt", &["f"], math::sqrt),
+    own("sqrt", &["f"], |given| math::one(given, f64::sqrt)),
     own("str_at", &["src", "index"], text::str_at),
     own("str_cat", &["op1", "op2"], text::str_cat),
     own("str_empty", &["str"], text::str_empty),
     Own { name: "str_find", parameters: &["src", "target", "start_from"], required: 2, run: text::str_find },
     own("str_len", &["str"], text::str_len),
     Own { name: "str_sub", parameters: &["src", "index", "len"], required: 2, run: text::str_sub },
-    own("tan", &["f"], math::tan),
+    own("tan", &["f"], |given| math::one(given, f64::tan)),
     own("to_num", &["str"], text::to_num),
     own("to_str", &["val"], text::to_str),
     own("transpose", &["m"], lists::transpose),
@@ -95,7 +96,6 @@ pub(super) fn call(number: usize, arguments: &[Value]) -> Result<Value, String> 
     OWN.get(number).map_or(Err("is not there".to_owned()), |own| (own.run)(arguments))
 }
 
-/// The function's name.
 pub(super) fn name(number: usize) -> &'static str {
     OWN.get(number).map_or("", |own| own.name)
 }
@@ -128,15 +128,5 @@ fn value(arguments: &[Value], at: usize) -> &Value {
     arguments.get(at).unwrap_or(&Value::None)
 }
 
-/// The own functions with their parameters, those that may be left out in brackets.
-#[must_use]
-pub fn signatures() -> Vec<String> {
-    let signature = |own: &Own| {
-        let parameters = own.parameters.iter().enumerate();
-        let written: Vec<String> = parameters
-            .map(|(at, name)| if at < own.required { (*name).to_owned() } else { format!("[{name}]") })
-            .collect();
-        format!("{}({})", own.name, written.join(", "))
-    };
-    OWN.iter().map(signature).collect()
-}
+#[cfg(test)]
+mod tests;

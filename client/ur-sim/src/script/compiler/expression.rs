@@ -1,56 +1,55 @@
 //! Expressions and calls to instructions. Arguments stand on the stack in the order written.
 
 use super::super::builtins;
-use super::super::code::{Op, Ready};
-use super::super::error::{Place, ScriptError};
-use super::super::tree::{Asked, Binary, Expression, Give, Sort};
+use super::super::code::{Op, PreparedCall};
+use super::super::error::{ScriptError, ScriptPosition};
+use super::super::tree::{Binary, CallExpression, Expression, Give, Sort};
 use super::Compiler;
 
 impl Compiler {
     pub(super) fn expression(&mut self, expression: &Expression) -> Result<(), ScriptError> {
-        let place = expression.place;
+        let position = expression.position;
         match &expression.what {
-            Give::Value(value) => self.constant(value.clone(), place),
+            Give::Value(value) => self.constant(value.clone(), position),
             Give::Name(name) => match self.variable(name) {
-                Some(from) => self.simple(Op::Load(from), place),
-                None => match builtins::constant(name) {
-                    Some(value) => self.constant(value, place),
-                    None => {
-                        return Err(ScriptError::new(place, format!("the variable {name} is not defined")));
-                    }
-                },
+                Some(from) => self.simple(Op::Load(from), position),
+                None => {
+                    let undefined =
+                        || ScriptError::new(position, format!("the variable {name} is not defined"));
+                    self.constant(builtins::constant(name).ok_or_else(undefined)?, position);
+                }
             },
             Give::List(elements) => {
                 self.each(elements)?;
-                self.simple(Op::List(u16::try_from(elements.len()).unwrap_or(u16::MAX)), place);
+                self.simple(Op::List(u16::try_from(elements.len()).unwrap_or(u16::MAX)), position);
             }
             Give::Pose(elements) => {
                 self.each(elements)?;
-                self.simple(Op::Pose, place);
+                self.simple(Op::Pose, position);
             }
             Give::Index(of, indices) => {
                 self.expression(of)?;
                 self.each(indices)?;
-                self.simple(Op::Element(u8::try_from(indices.len()).unwrap_or(u8::MAX)), place);
+                self.simple(Op::Element(u8::try_from(indices.len()).unwrap_or(u8::MAX)), position);
             }
-            Give::Call(asked) => self.call(asked, place)?,
-            Give::Run(asked) => self.run(asked, place)?,
+            Give::Call(asked) => self.call(asked, position)?,
+            Give::Run(asked) => self.run(asked, position)?,
             Give::Unary(operator, of) => {
                 self.expression(of)?;
-                self.simple(Op::Unary(*operator), place);
+                self.simple(Op::Unary(*operator), position);
             }
             Give::Binary(operator @ (Binary::And | Binary::Or), left, right) => {
                 self.expression(left)?;
-                let known = self.emit(Op::JumpIf(*operator == Binary::Or, 0), place);
+                let known = self.emit(Op::JumpIf(*operator == Binary::Or, 0), position);
                 self.expression(right)?;
                 // Tells a right side that is no truth value.
-                self.simple(Op::Binary(*operator), place);
+                self.simple(Op::Binary(*operator), position);
                 self.land(known);
             }
             Give::Binary(operator, left, right) => {
                 self.expression(left)?;
                 self.expression(right)?;
-                self.simple(Op::Binary(*operator), place);
+                self.simple(Op::Binary(*operator), position);
             }
         }
         Ok(())
@@ -64,14 +63,14 @@ impl Compiler {
         self.levels.iter().rev().find_map(|level| level.functions.get(name).copied())
     }
 
-    fn call(&mut self, asked: &Asked, place: Place) -> Result<(), ScriptError> {
+    fn call(&mut self, asked: &CallExpression, position: ScriptPosition) -> Result<(), ScriptError> {
         if let Some(number) = self.function_number(&asked.name) {
             if self.code.bodies.get(number).is_some_and(|body| body.sort == Sort::Thread) {
                 let message = format!("{0} is a thread: `run {0}()` starts it", asked.name);
-                return Err(ScriptError::new(place, message));
+                return Err(ScriptError::new(position, message));
             }
-            let call = self.of_program(asked, number, place)?;
-            self.simple(Op::Call(call), place);
+            let call = self.of_program(asked, number, position)?;
+            self.simple(Op::Call(call), position);
             return Ok(());
         }
         self.each(&asked.positional)?;
@@ -80,37 +79,42 @@ impl Compiler {
         let names: Vec<String> = asked.named.iter().map(|(name, _)| name.clone()).collect();
         if let Some(number) = builtins::find(&asked.name) {
             builtins::check(number, asked.positional.len(), &names)
-                .map_err(|message| ScriptError::new(place, format!("{} {message}", asked.name)))?;
+                .map_err(|message| ScriptError::new(position, format!("{} {message}", asked.name)))?;
             let target = u32::try_from(number).unwrap_or(u32::MAX);
-            let call = self.asked(Ready { target, slots: Vec::new(), names, arguments });
-            self.simple(Op::Own(call), place);
+            let call = self.asked(PreparedCall { target, slots: Vec::new(), names, arguments });
+            self.simple(Op::Own(call), position);
             return Ok(());
         }
         let next = self.code.foreign.len();
         let at = *self.foreign.entry(asked.name.clone()).or_insert(next);
         if at == next {
-            self.code.foreign.push((asked.name.clone(), place));
+            self.code.foreign.push((asked.name.clone(), position));
         }
         let target = u32::try_from(at).unwrap_or(u32::MAX);
-        let call = self.asked(Ready { target, slots: Vec::new(), names, arguments });
-        self.simple(Op::Foreign(call), place);
+        let call = self.asked(PreparedCall { target, slots: Vec::new(), names, arguments });
+        self.simple(Op::Foreign(call), position);
         Ok(())
     }
 
-    fn run(&mut self, asked: &Asked, place: Place) -> Result<(), ScriptError> {
+    fn run(&mut self, asked: &CallExpression, position: ScriptPosition) -> Result<(), ScriptError> {
         let number = self
             .function_number(&asked.name)
             .filter(|&number| self.code.bodies.get(number).is_some_and(|body| body.sort == Sort::Thread))
-            .ok_or_else(|| ScriptError::new(place, format!("there is no thread {}", asked.name)))?;
-        let call = self.of_program(asked, number, place)?;
-        self.simple(Op::Run(call), place);
+            .ok_or_else(|| ScriptError::new(position, format!("there is no thread {}", asked.name)))?;
+        let call = self.of_program(asked, number, position)?;
+        self.simple(Op::Run(call), position);
         Ok(())
     }
 
     /// The arguments of a function or thread of the program, and where each of them goes.
-    fn of_program(&mut self, asked: &Asked, number: usize, place: Place) -> Result<u32, ScriptError> {
+    fn of_program(
+        &mut self,
+        asked: &CallExpression,
+        number: usize,
+        position: ScriptPosition,
+    ) -> Result<u32, ScriptError> {
         let parameters = self.parameters.get(number).cloned().unwrap_or_default();
-        let wrong = |message: String| ScriptError::new(place, format!("{} {message}", asked.name));
+        let wrong = |message: String| ScriptError::new(position, format!("{} {message}", asked.name));
         if asked.positional.len() > parameters.len() {
             let message = format!("takes {} arguments, not {}", parameters.len(), asked.positional.len());
             return Err(wrong(message));
@@ -134,6 +138,6 @@ impl Compiler {
         }
         let target = u32::try_from(number).unwrap_or(u32::MAX);
         let arguments = slots.len();
-        Ok(self.asked(Ready { target, slots, names: Vec::new(), arguments }))
+        Ok(self.asked(PreparedCall { target, slots, names: Vec::new(), arguments }))
     }
 }

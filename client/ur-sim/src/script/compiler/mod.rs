@@ -3,30 +3,41 @@
 mod expression;
 mod scope;
 
-use super::code::{Body, Code, Op, Ready, Where};
-use super::error::{Place, ScriptError};
+use super::code::{Code, CompiledFunction, Op, PreparedCall, Where};
+use super::error::{ScriptError, ScriptPosition};
 use super::limits;
-use super::tree::{Do, Expression, Function, Scope, Sort, Statement};
+use super::tree::{Do, Expression, Function, Scope, ScriptStatement, Sort};
 use super::value::Value;
-use scope::{Level, Names};
+use scope::{FunctionScope, Names};
 use std::collections::HashMap;
 
 /// Compiles a program: the one `def` or `sec` of the text, or else all its statements.
-pub(super) fn program(statements: Vec<Statement>) -> Result<Code, ScriptError> {
-    let place = statements.first().map_or(Place { line: 1, column: 1 }, |first| first.place);
+pub(super) fn program(statements: Vec<ScriptStatement>) -> Result<Code, ScriptError> {
+    let position = statements.first().map_or(ScriptPosition { line: 1, column: 1 }, |first| first.position);
     let mut statements = statements;
     let alone = statements.len() == 1;
     let program = match statements.pop() {
-        Some(Statement { what: Do::Define(function), .. }) if alone && function.sort != Sort::Thread => {
+        Some(ScriptStatement { what: Do::Define(function), .. })
+            if alone && function.sort != Sort::Thread =>
+        {
             function
         }
         last => {
             statements.extend(last);
-            Function { name: String::new(), sort: Sort::Def, place, parameters: Vec::new(), body: statements }
+            Function {
+                name: String::new(),
+                sort: Sort::Def,
+                position,
+                parameters: Vec::new(),
+                body: statements,
+            }
         }
     };
     if let Some((name, _)) = program.parameters.first() {
-        return Err(ScriptError::new(place, format!("a program has no parameters, but this one has {name}")));
+        return Err(ScriptError::new(
+            position,
+            format!("a program has no parameters, but this one has {name}"),
+        ));
     }
     let mut compiler = Compiler {
         code: Code::default(),
@@ -37,12 +48,7 @@ pub(super) fn program(statements: Vec<Statement>) -> Result<Code, ScriptError> {
         foreign: HashMap::new(),
     };
     scope::globals(&program.body, &mut compiler.globals)?;
-    compiler.code.bodies.push(Body {
-        name: program.name.clone(),
-        sort: program.sort,
-        entry: 0,
-        variables: Vec::new(),
-    });
+    compiler.code.bodies.push(CompiledFunction::new(&program));
     compiler.function(&program, 0)?;
     compiler.code.globals = compiler.globals.order;
     Ok(compiler.code)
@@ -52,7 +58,7 @@ struct Compiler {
     code: Code,
     globals: Names,
     /// The functions around what is being compiled, outermost first.
-    levels: Vec<Level>,
+    levels: Vec<FunctionScope>,
     loops: Vec<Loop>,
     /// Of each function: the parameters' names and whether they have a default.
     parameters: Vec<Vec<(String, bool)>>,
@@ -67,9 +73,9 @@ struct Loop {
 }
 
 impl Compiler {
-    fn emit(&mut self, op: Op, place: Place) -> usize {
+    fn emit(&mut self, op: Op, position: ScriptPosition) -> usize {
         self.code.ops.push(op);
-        self.code.places.push(place);
+        self.code.positions.push(position);
         self.code.ops.len() - 1
     }
 
@@ -89,20 +95,20 @@ impl Compiler {
         }
     }
 
-    fn constant(&mut self, value: Value, place: Place) {
+    fn constant(&mut self, value: Value, position: ScriptPosition) {
         let number = u32::try_from(self.code.constants.len()).unwrap_or(u32::MAX);
         self.code.constants.push(value);
-        self.emit(Op::Constant(number), place);
+        self.emit(Op::Constant(number), position);
     }
 
     /// Keeps a call and gives its number.
-    fn asked(&mut self, ready: Ready) -> u32 {
+    fn asked(&mut self, ready: PreparedCall) -> u32 {
         self.code.asked.push(ready);
         u32::try_from(self.code.asked.len() - 1).unwrap_or(u32::MAX)
     }
 
     fn function(&mut self, function: &Function, number: usize) -> Result<(), ScriptError> {
-        let mut level = Level {
+        let mut level = FunctionScope {
             variables: scope::variables(function, self.levels.is_empty(), &self.globals)?,
             functions: HashMap::new(),
         };
@@ -111,27 +117,22 @@ impl Compiler {
         let first = self.code.bodies.len();
         for inner in &inside {
             if inner.sort == Sort::Sec {
-                return Err(ScriptError::new(inner.place, "a secondary program stands alone, in no other"));
+                return Err(ScriptError::new(
+                    inner.position,
+                    "a secondary program stands alone, in no other",
+                ));
             }
             let next = self.code.bodies.len();
             if next >= limits::FUNCTIONS {
-                return Err(ScriptError::new(
-                    inner.place,
-                    format!("more than {} functions", limits::FUNCTIONS),
-                ));
+                return Err(ScriptError::more_than(inner.position, limits::FUNCTIONS, "functions"));
             }
             if level.functions.insert(inner.name.clone(), next).is_some() {
-                return Err(ScriptError::new(inner.place, format!("{} is defined twice", inner.name)));
+                return Err(ScriptError::new(inner.position, format!("{} is defined twice", inner.name)));
             }
             let with_default =
                 |(name, default): &(String, Option<Expression>)| (name.clone(), default.is_some());
             self.parameters.push(inner.parameters.iter().map(with_default).collect());
-            self.code.bodies.push(Body {
-                name: inner.name.clone(),
-                sort: inner.sort,
-                entry: 0,
-                variables: Vec::new(),
-            });
+            self.code.bodies.push(CompiledFunction::new(inner));
         }
         let variables = level.variables.order.clone();
         self.levels.push(level);
@@ -139,15 +140,15 @@ impl Compiler {
         let entry = self.code.ops.len();
         for (slot, (_, default)) in (0_u16..).zip(&function.parameters) {
             if let Some(default) = default {
-                let given = self.emit(Op::JumpIfGiven(slot, 0), default.place);
+                let given = self.emit(Op::JumpIfGiven(slot, 0), default.position);
                 self.expression(default)?;
-                self.emit(Op::Store(Where::Local(slot)), default.place);
+                self.emit(Op::Store(Where::Local(slot)), default.position);
                 self.land(given);
             }
         }
         self.body(&function.body)?;
-        self.constant(Value::None, function.place);
-        self.emit(Op::Return, function.place);
+        self.constant(Value::None, function.position);
+        self.emit(Op::Return, function.position);
         if let Some(body) = self.code.bodies.get_mut(number) {
             body.entry = entry;
             body.variables = variables;
@@ -160,24 +161,24 @@ impl Compiler {
         Ok(())
     }
 
-    fn body(&mut self, body: &[Statement]) -> Result<(), ScriptError> {
+    fn body(&mut self, body: &[ScriptStatement]) -> Result<(), ScriptError> {
         body.iter().try_for_each(|statement| self.statement(statement))
     }
 
-    fn statement(&mut self, statement: &Statement) -> Result<(), ScriptError> {
-        let place = statement.place;
+    fn statement(&mut self, statement: &ScriptStatement) -> Result<(), ScriptError> {
+        let position = statement.position;
         match &statement.what {
             Do::Define(_) | Do::Pass => {}
             Do::Assign { scope, name, indices, value } => {
-                self.assign(*scope, name, indices, value.as_ref(), place)?
+                self.assign(*scope, name, indices, value.as_ref(), position)?
             }
             Do::If { arms, otherwise } => {
                 let mut ends = Vec::new();
                 for (condition, arm) in arms {
                     self.expression(condition)?;
-                    let next = self.emit(Op::JumpUnless(0), condition.place);
+                    let next = self.emit(Op::JumpUnless(0), condition.position);
                     self.body(arm)?;
-                    ends.push(self.emit(Op::Jump(0), place));
+                    ends.push(self.emit(Op::Jump(0), position));
                     self.land(next);
                 }
                 self.body(otherwise)?;
@@ -186,42 +187,42 @@ impl Compiler {
             Do::While(condition, body) => {
                 let start = self.here();
                 self.expression(condition)?;
-                let end = self.emit(Op::JumpUnless(0), condition.place);
+                let end = self.emit(Op::JumpUnless(0), condition.position);
                 self.loops.push(Loop { start, breaks: vec![end] });
                 self.body(body)?;
-                self.emit(Op::Jump(start), place);
+                self.emit(Op::Jump(start), position);
                 let breaks = self.loops.pop().map(|ended| ended.breaks);
                 breaks.into_iter().flatten().for_each(|jump| self.land(jump));
             }
             Do::Break => {
-                let jump = self.emit(Op::Jump(0), place);
+                let jump = self.emit(Op::Jump(0), position);
                 match self.loops.last_mut() {
                     Some(around) => around.breaks.push(jump),
-                    None => return Err(ScriptError::new(place, "`break` outside a loop")),
+                    None => return Err(ScriptError::new(position, "`break` outside a loop")),
                 }
             }
             Do::Continue => match self.loops.last() {
                 Some(around) => {
                     let start = around.start;
-                    self.emit(Op::Jump(start), place);
+                    self.emit(Op::Jump(start), position);
                 }
-                None => return Err(ScriptError::new(place, "`continue` outside a loop")),
+                None => return Err(ScriptError::new(position, "`continue` outside a loop")),
             },
             Do::Return(value) => {
                 match value {
                     Some(value) => self.expression(value)?,
-                    None => self.constant(Value::None, place),
+                    None => self.constant(Value::None, position),
                 }
-                self.emit(Op::Return, place);
+                self.emit(Op::Return, position);
             }
             Do::Kill(thread) => self.of_thread(thread, Op::Kill)?,
             Do::Join(thread) => self.of_thread(thread, Op::Join)?,
-            Do::Halt => self.simple(Op::Halt, place),
-            Do::EnterCritical => self.simple(Op::EnterCritical, place),
-            Do::ExitCritical => self.simple(Op::ExitCritical, place),
+            Do::Halt => self.simple(Op::Halt, position),
+            Do::EnterCritical => self.simple(Op::EnterCritical, position),
+            Do::ExitCritical => self.simple(Op::ExitCritical, position),
             Do::Evaluate(expression) => {
                 self.expression(expression)?;
-                self.emit(Op::Drop, place);
+                self.emit(Op::Drop, position);
             }
         }
         Ok(())
@@ -232,13 +233,13 @@ impl Compiler {
         scope::find(name, self.levels.last().map(|level| &level.variables), &self.globals)
     }
 
-    fn simple(&mut self, op: Op, place: Place) {
-        self.emit(op, place);
+    fn simple(&mut self, op: Op, position: ScriptPosition) {
+        self.emit(op, position);
     }
 
     fn of_thread(&mut self, thread: &Expression, op: Op) -> Result<(), ScriptError> {
         self.expression(thread)?;
-        self.emit(op, thread.place);
+        self.emit(op, thread.position);
         Ok(())
     }
 
@@ -248,14 +249,15 @@ impl Compiler {
         name: &str,
         indices: &[Expression],
         value: Option<&Expression>,
-        place: Place,
+        position: ScriptPosition,
     ) -> Result<(), ScriptError> {
         let Some(value) = value else { return Ok(()) };
         let to = match scope {
             Scope::Global => self.globals.get(name).map(Where::Global),
             _ => self.variable(name),
         };
-        let to = to.ok_or_else(|| ScriptError::new(place, format!("the variable {name} is not defined")))?;
+        let to =
+            to.ok_or_else(|| ScriptError::new(position, format!("the variable {name} is not defined")))?;
         for index in indices {
             self.expression(index)?;
         }
@@ -264,7 +266,7 @@ impl Compiler {
             0 => Op::Store(to),
             count => Op::StoreElement(to, count),
         };
-        self.emit(op, place);
+        self.emit(op, position);
         Ok(())
     }
 }

@@ -4,9 +4,9 @@
 //! function's own. The locals of a function are not seen by the functions inside it.
 
 use super::super::code::Where;
-use super::super::error::{Place, ScriptError};
+use super::super::error::{ScriptError, ScriptPosition};
 use super::super::limits;
-use super::super::tree::{Do, Function, Scope, Statement};
+use super::super::tree::{Do, Function, Scope, ScriptStatement};
 use std::collections::HashMap;
 
 /// Names with the numbers of their variables.
@@ -21,14 +21,13 @@ impl Names {
         self.numbers.get(name).copied()
     }
 
-    pub(super) fn add(&mut self, name: &str, place: Place) -> Result<(), ScriptError> {
+    pub(super) fn add(&mut self, name: &str, position: ScriptPosition) -> Result<(), ScriptError> {
         if self.numbers.contains_key(name) {
             return Ok(());
         }
         let number = u16::try_from(self.order.len()).unwrap_or(u16::MAX);
         if self.order.len() >= limits::VARIABLES {
-            let message = format!("more than {} variables in one function", limits::VARIABLES);
-            return Err(ScriptError::new(place, message));
+            return Err(ScriptError::more_than(position, limits::VARIABLES, "variables in one function"));
         }
         self.numbers.insert(name.to_owned(), number);
         self.order.push(name.to_owned());
@@ -38,14 +37,17 @@ impl Names {
 
 /// What the compiler knows of the function that it is in, and of those around it.
 #[derive(Debug, Default)]
-pub(super) struct Level {
+pub(super) struct FunctionScope {
     pub(super) variables: Names,
     /// Functions that stand in it.
     pub(super) functions: HashMap<String, usize>,
 }
 
 /// Calls `found` with every statement of a body, those of blocks included, those of functions inside not.
-fn each<E>(body: &[Statement], found: &mut impl FnMut(&Statement) -> Result<(), E>) -> Result<(), E> {
+fn each<E>(
+    body: &[ScriptStatement],
+    found: &mut impl FnMut(&ScriptStatement) -> Result<(), E>,
+) -> Result<(), E> {
     for statement in body {
         found(statement)?;
         match &statement.what {
@@ -63,17 +65,17 @@ fn each<E>(body: &[Statement], found: &mut impl FnMut(&Statement) -> Result<(), 
 }
 
 /// Every global of the program: what it assigns to itself, and what is declared `global` anywhere.
-pub(super) fn globals(program: &[Statement], names: &mut Names) -> Result<(), ScriptError> {
+pub(super) fn globals(program: &[ScriptStatement], names: &mut Names) -> Result<(), ScriptError> {
     each(program, &mut |statement| match &statement.what {
-        Do::Assign { name, indices, .. } if indices.is_empty() => names.add(name, statement.place),
+        Do::Assign { name, indices, .. } if indices.is_empty() => names.add(name, statement.position),
         Do::Define(function) => declared_global(&function.body, names),
         _ => Ok(()),
     })
 }
 
-fn declared_global(body: &[Statement], names: &mut Names) -> Result<(), ScriptError> {
+fn declared_global(body: &[ScriptStatement], names: &mut Names) -> Result<(), ScriptError> {
     each(body, &mut |statement| match &statement.what {
-        Do::Assign { scope: Scope::Global, name, .. } => names.add(name, statement.place),
+        Do::Assign { scope: Scope::Global, name, .. } => names.add(name, statement.position),
         Do::Define(function) => declared_global(&function.body, names),
         _ => Ok(()),
     })
@@ -90,14 +92,14 @@ pub(super) fn variables(
         return Ok(own);
     }
     for (parameter, _) in &function.parameters {
-        own.add(parameter, function.place)?;
+        own.add(parameter, function.position)?;
     }
     each(&function.body, &mut |statement| match &statement.what {
-        Do::Assign { scope: Scope::Local, name, .. } => own.add(name, statement.place),
+        Do::Assign { scope: Scope::Local, name, .. } => own.add(name, statement.position),
         Do::Assign { scope: Scope::Free, name, indices, .. }
             if indices.is_empty() && globals.get(name).is_none() =>
         {
-            own.add(name, statement.place)
+            own.add(name, statement.position)
         }
         _ => Ok(()),
     })?;
@@ -105,7 +107,7 @@ pub(super) fn variables(
 }
 
 /// The functions that stand in `body`, numbered from `next` on in the order of the text.
-pub(super) fn functions<'a>(body: &'a [Statement], found: &mut Vec<&'a Function>) {
+pub(super) fn functions<'a>(body: &'a [ScriptStatement], found: &mut Vec<&'a Function>) {
     for statement in body {
         match &statement.what {
             Do::Define(function) => found.push(function),

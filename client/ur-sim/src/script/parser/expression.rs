@@ -1,11 +1,11 @@
 //! Expressions: how strongly operators bind, from `or` (weakest) to an index (strongest).
 
 use super::super::error::ScriptError;
-use super::super::lexer::Kind;
+use super::super::lexer::TokenKind;
 use super::super::limits;
-use super::super::tree::{Asked, Binary, Expression, Give, Unary};
+use super::super::tree::{Binary, CallExpression, Expression, Give, Unary};
 use super::super::value::Value;
-use super::{KEYWORDS, Parser};
+use super::{Parser, is_keyword};
 
 const NOT_BINDS: u8 = 3;
 const MINUS_BINDS: u8 = 7;
@@ -18,10 +18,8 @@ impl Parser {
     /// The longest expression whose operators bind more strongly than `weakest`.
     fn bound(&mut self, weakest: u8) -> Result<Expression, ScriptError> {
         if self.nested >= limits::EXPRESSION_DEPTH {
-            return Err(ScriptError::new(
-                self.place(),
-                format!("this is deeper than {}", limits::EXPRESSION_DEPTH),
-            ));
+            let message = format!("this is deeper than {}", limits::EXPRESSION_DEPTH);
+            return Err(ScriptError::new(self.position(), message));
         }
         self.nested += 1;
         let mut left = self.prefixed()?;
@@ -29,12 +27,12 @@ impl Parser {
             if binds <= weakest {
                 break;
             }
-            let place = self.place();
+            let position = self.position();
             self.step();
             // A line that ends in an operator goes on in the next.
             self.new_lines();
             let right = self.bound(binds)?;
-            left = Expression::new(place, Give::Binary(operator, Box::new(left), Box::new(right)))?;
+            left = Expression::new(position, Give::Binary(operator, Box::new(left), Box::new(right)))?;
         }
         self.nested -= 1;
         Ok(left)
@@ -42,13 +40,13 @@ impl Parser {
 
     fn operator(&self) -> Option<(Binary, u8)> {
         Some(match &self.peek().kind {
-            Kind::Name(word) => match word.as_str() {
+            TokenKind::Name(word) => match word.as_str() {
                 "or" => (Binary::Or, 1),
                 "xor" => (Binary::Xor, 1),
                 "and" => (Binary::And, 2),
                 _ => return None,
             },
-            Kind::Symbol(symbol) => match *symbol {
+            TokenKind::Symbol(symbol) => match *symbol {
                 "==" => (Binary::Equal, 4),
                 "!=" => (Binary::Differs, 4),
                 "<" => (Binary::Below, 4),
@@ -67,17 +65,17 @@ impl Parser {
     }
 
     fn prefixed(&mut self) -> Result<Expression, ScriptError> {
-        let place = self.place();
+        let position = self.position();
         let (operator, binds) = match &self.peek().kind {
-            Kind::Name(word) if word == "not" => (Some(Unary::Not), NOT_BINDS),
-            Kind::Symbol("-") => (Some(Unary::Minus), MINUS_BINDS),
-            Kind::Symbol("+") => (None, MINUS_BINDS),
+            TokenKind::Name(word) if word == "not" => (Some(Unary::Not), NOT_BINDS),
+            TokenKind::Symbol("-") => (Some(Unary::Minus), MINUS_BINDS),
+            TokenKind::Symbol("+") => (None, MINUS_BINDS),
             _ => return self.indexed(),
         };
         self.step();
         let operand = self.bound(binds)?;
         match operator {
-            Some(operator) => Expression::new(place, Give::Unary(operator, Box::new(operand))),
+            Some(operator) => Expression::new(position, Give::Unary(operator, Box::new(operand))),
             None => Ok(operand),
         }
     }
@@ -85,51 +83,51 @@ impl Parser {
     fn indexed(&mut self) -> Result<Expression, ScriptError> {
         let mut of = self.single()?;
         while self.is("[") {
-            let place = self.place();
+            let position = self.position();
             self.step();
             let mut indices = vec![self.expression()?];
             if self.accept(",") {
                 indices.push(self.expression()?);
             }
             self.expect("]")?;
-            of = Expression::new(place, Give::Index(Box::new(of), indices))?;
+            of = Expression::new(position, Give::Index(Box::new(of), indices))?;
         }
         Ok(of)
     }
 
     fn single(&mut self) -> Result<Expression, ScriptError> {
-        let place = self.place();
+        let position = self.position();
         let what = match self.peek().kind.clone() {
-            Kind::Value(value) => {
+            TokenKind::Value(value) => {
                 self.step();
                 Give::Value(value)
             }
-            Kind::Symbol("(") => {
+            TokenKind::Symbol("(") => {
                 self.step();
                 let inner = self.expression()?;
                 self.expect(")")?;
                 return Ok(inner);
             }
-            Kind::Symbol("[") => {
+            TokenKind::Symbol("[") => {
                 self.step();
                 Give::List(self.elements()?)
             }
-            Kind::Symbol("p[") => {
+            TokenKind::Symbol("p[") => {
                 self.step();
                 let elements = self.elements()?;
                 match elements.len() {
                     6 => Give::Pose(elements),
                     // A variable may be called p, and ur_rtde's program has one.
                     1 | 2 => {
-                        let of = Expression::new(place, Give::Name("p".to_owned()))?;
+                        let of = Expression::new(position, Give::Name("p".to_owned()))?;
                         Give::Index(Box::new(of), elements)
                     }
                     count => {
-                        return Err(ScriptError::new(place, format!("a pose has 6 numbers, not {count}")));
+                        return Err(ScriptError::new(position, format!("a pose has 6 numbers, not {count}")));
                     }
                 }
             }
-            Kind::Name(word) => match word.as_str() {
+            TokenKind::Name(word) => match word.as_str() {
                 "True" | "true" | "False" | "false" => {
                     self.step();
                     Give::Value(Value::Bool(matches!(word.as_str(), "True" | "true")))
@@ -140,7 +138,7 @@ impl Parser {
                     self.expect("(")?;
                     Give::Run(self.arguments(name)?)
                 }
-                word if KEYWORDS.contains(&word) => return Err(self.wrong("a value wanted")),
+                word if is_keyword(word) => return Err(self.wrong("a value wanted")),
                 _ => {
                     self.step();
                     if self.accept("(") { Give::Call(self.arguments(word)?) } else { Give::Name(word) }
@@ -148,7 +146,7 @@ impl Parser {
             },
             _ => return Err(self.wrong("a value wanted")),
         };
-        Expression::new(place, what)
+        Expression::new(position, what)
     }
 
     /// Up to and including the `]`.
@@ -157,10 +155,7 @@ impl Parser {
         while !self.accept("]") {
             elements.push(self.expression()?);
             if elements.len() > limits::LITERAL {
-                return Err(ScriptError::new(
-                    self.place(),
-                    format!("more than {} elements", limits::LITERAL),
-                ));
+                return Err(ScriptError::more_than(self.position(), limits::LITERAL, "elements"));
             }
             if !self.is("]") {
                 self.expect(",")?;
@@ -170,33 +165,28 @@ impl Parser {
     }
 
     /// Up to and including the `)`; `name=value` makes a named one.
-    fn arguments(&mut self, name: String) -> Result<Asked, ScriptError> {
-        let mut asked = Asked { name, positional: Vec::new(), named: Vec::new() };
+    fn arguments(&mut self, name: String) -> Result<CallExpression, ScriptError> {
+        let mut asked = CallExpression { name, positional: Vec::new(), named: Vec::new() };
         while !self.accept(")") {
             let value = self.expression()?;
             if self.is("=") {
                 let Give::Name(parameter) = value.what else {
-                    return Err(ScriptError::new(value.place, "a parameter's name wanted before `=`"));
+                    return Err(ScriptError::new(value.position, "a parameter's name wanted before `=`"));
                 };
                 if asked.named.iter().any(|(other, _)| *other == parameter) {
                     let message = format!("argument {parameter} is given twice");
-                    return Err(ScriptError::new(value.place, message));
+                    return Err(ScriptError::new(value.position, message));
                 }
                 self.step();
                 asked.named.push((parameter, self.expression()?));
             } else if asked.named.is_empty() {
                 asked.positional.push(value);
             } else {
-                return Err(ScriptError::new(
-                    value.place,
-                    "an argument without a name stands after one with a name",
-                ));
+                let message = "an argument without a name stands after one with a name";
+                return Err(ScriptError::new(value.position, message));
             }
             if asked.positional.len() + asked.named.len() > limits::ARGUMENTS {
-                return Err(ScriptError::new(
-                    self.place(),
-                    format!("more than {} arguments", limits::ARGUMENTS),
-                ));
+                return Err(ScriptError::more_than(self.position(), limits::ARGUMENTS, "arguments"));
             }
             if !self.is(")") {
                 self.expect(",")?;

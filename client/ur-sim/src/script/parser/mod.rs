@@ -2,48 +2,25 @@
 
 mod expression;
 
-use super::error::{Place, ScriptError};
-use super::lexer::{self, Kind, Token};
+use super::error::{ScriptError, ScriptPosition};
+use super::lexer::{self, ScriptToken, TokenKind};
 use super::limits;
-use super::tree::{Do, Expression, Function, Give, Scope, Sort, Statement};
+use super::tree::{Do, Expression, Function, Give, Scope, ScriptStatement, Sort};
 
-/// Words that are no names.
-const KEYWORDS: [&str; 28] = [
-    "def",
-    "thread",
-    "sec",
-    "end",
-    "if",
-    "elif",
-    "else",
-    "while",
-    "break",
-    "continue",
-    "return",
-    "global",
-    "local",
-    "run",
-    "kill",
-    "join",
-    "halt",
-    "pass",
-    "and",
-    "or",
-    "xor",
-    "not",
-    "True",
-    "False",
-    "true",
-    "false",
-    "enter_critical",
-    "exit_critical",
-];
+/// Words that are not names.
+const KEYWORDS: &str = "\
+    def thread sec end if elif else while break continue return global local run kill join halt pass \
+    and or xor not True False true false enter_critical exit_critical";
+
+fn is_keyword(word: &str) -> bool {
+    KEYWORDS.split_ascii_whitespace().any(|keyword| keyword == word)
+}
 
 /// The statements of a whole text.
-pub(super) fn statements(text: &str) -> Result<Vec<Statement>, ScriptError> {
+pub(super) fn statements(text: &str) -> Result<Vec<ScriptStatement>, ScriptError> {
     let mut parser = Parser { tokens: lexer::tokens(text)?, at: 0, blocks: 0, nested: 0 };
     let mut found = Vec::new();
-    while parser.peek().kind != Kind::End {
+    while parser.peek().kind != TokenKind::End {
         if let Some(word @ ("end" | "elif" | "else")) = parser.word() {
             return Err(parser.wrong(format!("`{word}` without a block that it belongs to")));
         }
@@ -53,24 +30,23 @@ pub(super) fn statements(text: &str) -> Result<Vec<Statement>, ScriptError> {
 }
 
 struct Parser {
-    /// Never empty; the last is [`Kind::End`].
-    tokens: Vec<Token>,
+    /// Never empty; the last is [`TokenKind::End`].
+    tokens: Vec<ScriptToken>,
     at: usize,
-    /// Open blocks.
     blocks: u16,
-    /// Open expressions.
     nested: u16,
 }
 
-const NOTHING: Token = Token { kind: Kind::End, place: Place { line: 1, column: 1 } };
+const NOTHING: ScriptToken =
+    ScriptToken { kind: TokenKind::End, position: ScriptPosition { line: 1, column: 1 } };
 
 impl Parser {
-    fn peek(&self) -> &Token {
+    fn peek(&self) -> &ScriptToken {
         self.tokens.get(self.at).or(self.tokens.last()).unwrap_or(&NOTHING)
     }
 
-    fn place(&self) -> Place {
-        self.peek().place
+    fn position(&self) -> ScriptPosition {
+        self.peek().position
     }
 
     fn step(&mut self) {
@@ -79,11 +55,11 @@ impl Parser {
 
     /// The name or keyword that comes next.
     fn word(&self) -> Option<&str> {
-        if let Kind::Name(name) = &self.peek().kind { Some(name) } else { None }
+        if let TokenKind::Name(name) = &self.peek().kind { Some(name) } else { None }
     }
 
     fn is(&self, symbol: &str) -> bool {
-        matches!(self.peek().kind, Kind::Symbol(found) if found == symbol)
+        matches!(self.peek().kind, TokenKind::Symbol(found) if found == symbol)
     }
 
     /// Steps over the symbol if it comes next.
@@ -102,19 +78,19 @@ impl Parser {
     /// An error at the next token, which it names.
     fn wrong(&self, message: impl AsRef<str>) -> ScriptError {
         let found = match &self.peek().kind {
-            Kind::Name(name) => format!("`{}`", lexer::short(name)),
-            Kind::Value(value) => format!("`{}`", lexer::short(&value.to_string())),
-            Kind::Symbol(symbol) => format!("`{symbol}`"),
-            Kind::NewLine => "the end of the line".to_owned(),
-            Kind::End => "the end of the program".to_owned(),
+            TokenKind::Name(name) => format!("`{}`", lexer::short(name)),
+            TokenKind::Value(value) => format!("`{}`", lexer::short(&value.to_string())),
+            TokenKind::Symbol(symbol) => format!("`{symbol}`"),
+            TokenKind::NewLine => "the end of the line".to_owned(),
+            TokenKind::End => "the end of the program".to_owned(),
         };
-        ScriptError::new(self.place(), format!("{}, found {found}", message.as_ref()))
+        ScriptError::new(self.position(), format!("{}, found {found}", message.as_ref()))
     }
 
-    /// A name that is no keyword.
+    /// A name that is not a keyword.
     fn name(&mut self) -> Result<String, ScriptError> {
         match self.word() {
-            Some(name) if !KEYWORDS.contains(&name) => {
+            Some(name) if !is_keyword(name) => {
                 let name = name.to_owned();
                 self.step();
                 Ok(name)
@@ -124,7 +100,7 @@ impl Parser {
     }
 
     fn new_lines(&mut self) {
-        while self.peek().kind == Kind::NewLine {
+        while self.peek().kind == TokenKind::NewLine {
             self.step();
         }
     }
@@ -132,8 +108,8 @@ impl Parser {
     /// After a statement. Another one may follow on the same line, as in the program that ur_rtde sends.
     fn end_of_statement(&mut self) -> Result<(), ScriptError> {
         match self.peek().kind {
-            Kind::NewLine => self.step(),
-            Kind::Name(_) => {}
+            TokenKind::NewLine => self.step(),
+            TokenKind::Name(_) => {}
             _ => return Err(self.wrong("the end of the line wanted")),
         }
         Ok(())
@@ -146,9 +122,9 @@ impl Parser {
     }
 
     /// The statements up to one of the words `until`, which stays.
-    fn block(&mut self, opened: Place, until: &[&str]) -> Result<Vec<Statement>, ScriptError> {
+    fn block(&mut self, opened: ScriptPosition, until: &[&str]) -> Result<Vec<ScriptStatement>, ScriptError> {
         self.expect(":")?;
-        if self.peek().kind == Kind::NewLine {
+        if self.peek().kind == TokenKind::NewLine {
             self.step();
         }
         if self.blocks >= limits::BLOCK_DEPTH {
@@ -162,9 +138,9 @@ impl Parser {
                 Some(word @ ("elif" | "else")) => {
                     return Err(self.wrong(format!("`{word}` without an `if` before it")));
                 }
-                _ if self.peek().kind == Kind::End => {
+                _ if self.peek().kind == TokenKind::End => {
                     let message = format!("the block that begins in line {} has no `end`", opened.line);
-                    return Err(ScriptError::new(self.place(), message));
+                    return Err(ScriptError::new(self.position(), message));
                 }
                 _ => body.push(self.statement()?),
             }
@@ -173,27 +149,27 @@ impl Parser {
         Ok(body)
     }
 
-    fn statement(&mut self) -> Result<Statement, ScriptError> {
-        let place = self.place();
+    fn statement(&mut self) -> Result<ScriptStatement, ScriptError> {
+        let position = self.position();
         let word = self.word().unwrap_or_default().to_owned();
-        let keyword = KEYWORDS.contains(&word.as_str());
+        let keyword = is_keyword(&word);
         if keyword {
             self.step();
         }
         let what = match word.as_str() {
-            "def" => Do::Define(self.function(Sort::Def, place)?),
-            "thread" => Do::Define(self.function(Sort::Thread, place)?),
-            "sec" => Do::Define(self.function(Sort::Sec, place)?),
-            "if" => self.condition(place)?,
+            "def" => Do::Define(self.function(Sort::Def, position)?),
+            "thread" => Do::Define(self.function(Sort::Thread, position)?),
+            "sec" => Do::Define(self.function(Sort::Sec, position)?),
+            "if" => self.condition(position)?,
             "while" => {
                 let condition = self.expression()?;
-                let body = self.block(place, &["end"])?;
+                let body = self.block(position, &["end"])?;
                 self.step();
                 Do::While(condition, body)
             }
             "global" => self.declaration(Scope::Global)?,
             "local" => self.declaration(Scope::Local)?,
-            "return" if self.peek().kind == Kind::NewLine => Do::Return(None),
+            "return" if self.peek().kind == TokenKind::NewLine => Do::Return(None),
             "return" => Do::Return(Some(self.expression()?)),
             "kill" => Do::Kill(self.expression()?),
             "join" => Do::Join(self.expression()?),
@@ -211,7 +187,7 @@ impl Parser {
             }
         };
         self.end_of_statement()?;
-        Ok(Statement { place, what })
+        Ok(ScriptStatement { position, what })
     }
 
     /// A statement of one word, which may be written like a call.
@@ -247,54 +223,52 @@ impl Parser {
     }
 
     /// `if` is read; up to and including its `end`.
-    fn condition(&mut self, place: Place) -> Result<Do, ScriptError> {
-        let mut arms = vec![(self.expression()?, self.block(place, &["elif", "else", "end"])?)];
+    fn condition(&mut self, position: ScriptPosition) -> Result<Do, ScriptError> {
+        let mut arms = vec![(self.expression()?, self.block(position, &["elif", "else", "end"])?)];
         while self.word() == Some("elif") {
-            let place = self.place();
+            let position = self.position();
             self.step();
-            arms.push((self.expression()?, self.block(place, &["elif", "else", "end"])?));
+            arms.push((self.expression()?, self.block(position, &["elif", "else", "end"])?));
         }
         let mut otherwise = Vec::new();
         if self.word() == Some("else") {
-            let place = self.place();
+            let position = self.position();
             self.step();
-            otherwise = self.block(place, &["end"])?;
+            otherwise = self.block(position, &["end"])?;
         }
         self.step();
         Ok(Do::If { arms, otherwise })
     }
 
     /// The word before the name is read.
-    fn function(&mut self, sort: Sort, place: Place) -> Result<Function, ScriptError> {
+    fn function(&mut self, sort: Sort, position: ScriptPosition) -> Result<Function, ScriptError> {
         let name = self.name()?;
         let mut parameters: Vec<(String, Option<Expression>)> = Vec::new();
         self.expect("(")?;
         while !self.accept(")") {
-            let at = self.place();
+            let at = self.position();
             let parameter = self.name()?;
             if parameters.iter().any(|(other, _)| *other == parameter) {
                 return Err(ScriptError::new(at, format!("parameter {parameter} stands there twice")));
             }
             let default = if self.accept("=") { Some(self.expression()?) } else { None };
             if default.is_none() && parameters.last().is_some_and(|(_, before)| before.is_some()) {
-                return Err(ScriptError::new(
-                    at,
-                    "a parameter without a default stands after one with a default",
-                ));
+                let message = "a parameter without a default stands after one with a default";
+                return Err(ScriptError::new(at, message));
             }
             parameters.push((parameter, default));
             if parameters.len() > limits::ARGUMENTS {
-                return Err(ScriptError::new(at, format!("more than {} parameters", limits::ARGUMENTS)));
+                return Err(ScriptError::more_than(at, limits::ARGUMENTS, "parameters"));
             }
             if !self.is(")") {
                 self.expect(",")?;
             }
         }
         if sort == Sort::Thread && !parameters.is_empty() {
-            return Err(ScriptError::new(place, "a thread has no parameters"));
+            return Err(ScriptError::new(position, "a thread has no parameters"));
         }
-        let body = self.block(place, &["end"])?;
+        let body = self.block(position, &["end"])?;
         self.step();
-        Ok(Function { name, sort, place, parameters, body })
+        Ok(Function { name, sort, position, parameters, body })
     }
 }

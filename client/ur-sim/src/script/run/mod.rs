@@ -10,13 +10,13 @@ mod step;
 mod thread;
 
 use super::code::Code;
-use super::error::{Place, ScriptError};
+use super::error::{ScriptError, ScriptPosition};
 use super::limits;
 use super::machine::{Machine, ThreadId};
 use super::program::Program;
 use super::value::Value;
 use std::sync::Arc;
-use thread::{Frame, Thread};
+use thread::{CallFrame, Thread};
 
 /// Where a run stands after a cycle.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -29,9 +29,8 @@ pub enum Progress {
     Failed(ScriptError),
 }
 
-/// A program running.
 #[derive(Debug)]
-pub struct Run {
+pub struct ScriptRun {
     code: Arc<Code>,
     /// The program's own thread.
     own: ThreadId,
@@ -54,25 +53,24 @@ pub struct Run {
 }
 
 /// Why a thread no longer runs in this cycle.
-enum Stop {
+enum ThreadStop {
     Waits,
     UsedUp,
     Joins,
     Over,
-    /// By itself.
     Killed,
     Halts,
 }
 
-impl Run {
+impl ScriptRun {
     /// A run that has not begun.
     ///
     /// # Errors
     /// The program calls a function that neither it nor the machine has: a controller refuses such a program
     /// when it is loaded, which is why clients leave lines out that older versions do not know.
     pub fn new(program: &Program, machine: &dyn Machine) -> Result<Self, ScriptError> {
-        if let Some((name, place)) = program.wanted().find(|(name, _)| !machine.knows(name)) {
-            return Err(ScriptError::new(place, format!("there is no function {name}")));
+        if let Some((name, position)) = program.wanted().find(|(name, _)| !machine.knows(name)) {
+            return Err(ScriptError::new(position, format!("there is no function {name}")));
         }
         let code = Arc::clone(&program.code);
         let own = if program.is_secondary() { ThreadId::SECONDARY } else { ThreadId::PROGRAM };
@@ -89,7 +87,8 @@ impl Run {
             used: 0,
             over: None,
         };
-        run.start(0, None).map_err(|message| ScriptError::new(Place { line: 1, column: 1 }, message))?;
+        run.start(0, None)
+            .map_err(|message| ScriptError::new(ScriptPosition { line: 1, column: 1 }, message))?;
         Ok(run)
     }
 
@@ -104,8 +103,11 @@ impl Run {
         }
         let progress = match self.all_threads(machine) {
             Ok(false) if self.own == ThreadId::SECONDARY => {
-                let place = self.place(self.own);
-                Progress::Failed(ScriptError::new(place, "a secondary program must be done within a cycle"))
+                let position = self.position(self.own);
+                Progress::Failed(ScriptError::new(
+                    position,
+                    "a secondary program must be done within a cycle",
+                ))
             }
             Ok(false) => Progress::Running,
             Ok(true) => Progress::Finished,
@@ -128,12 +130,12 @@ impl Run {
     /// The line that the program's own thread is at, from 1; 0 after the end.
     #[must_use]
     pub fn line(&self) -> u32 {
-        self.place(self.own).line
+        self.position(self.own).line
     }
 
     /// Instructions that the last cycle used up, calls at what they cost.
-    #[must_use]
-    pub fn used(&self) -> u32 {
+    #[cfg(test)]
+    pub(crate) fn used(&self) -> u32 {
         self.used
     }
 
@@ -197,29 +199,29 @@ impl Run {
         thread.joining = None;
         let stop = self.slice(&mut thread, left, machine);
         match stop {
-            Ok(Stop::Waits) => {
+            Ok(ThreadStop::Waits) => {
                 thread.rests = true;
                 thread.used_up = 0;
             }
-            Ok(Stop::Joins) => thread.used_up = 0,
-            Ok(Stop::UsedUp) => {
+            Ok(ThreadStop::Joins) => thread.used_up = 0,
+            Ok(ThreadStop::UsedUp) => {
                 thread.rests = true;
                 thread.used_up = thread.used_up.saturating_add(1);
                 if thread.critical {
                     self.holder = Some(thread.id);
                 }
             }
-            Ok(Stop::Killed) => {
+            Ok(ThreadStop::Killed) => {
                 self.kill_children(thread.id, machine);
                 self.ended(thread, machine);
                 return Ok(false);
             }
-            Ok(Stop::Over) => {
+            Ok(ThreadStop::Over) => {
                 let over = thread.id == self.own;
                 self.ended(thread, machine);
                 return Ok(over);
             }
-            Ok(Stop::Halts) => {
+            Ok(ThreadStop::Halts) => {
                 self.ended(thread, machine);
                 return Ok(true);
             }
@@ -229,15 +231,13 @@ impl Run {
             }
         }
         let used_up = thread.used_up > limits::CYCLES_USED_UP;
-        let place = self.code.places.get(thread.at).copied().unwrap_or_default();
+        let position = self.code.positions.get(thread.at).copied().unwrap_or_default();
         if let Some(slot) = self.threads.get_mut(at) {
             *slot = Some(thread);
         }
         if used_up {
-            return Err(ScriptError::new(
-                place,
-                "an infinite loop: it neither moves nor calls sync or sleep",
-            ));
+            let message = "an infinite loop: it neither moves nor calls sync or sleep";
+            return Err(ScriptError::new(position, message));
         }
         Ok(false)
     }
@@ -247,12 +247,12 @@ impl Run {
         thread: &mut Thread,
         left: &mut u32,
         machine: &mut dyn Machine,
-    ) -> Result<Stop, ScriptError> {
+    ) -> Result<ThreadStop, ScriptError> {
         let mut steps = limits::STEPS_PER_THREAD.min(*left);
         while steps > 0 {
-            let place = self.code.places.get(thread.at).copied().unwrap_or_default();
+            let position = self.code.positions.get(thread.at).copied().unwrap_or_default();
             self.cost = 1;
-            let stop = self.step(thread, machine).map_err(|message| ScriptError::new(place, message))?;
+            let stop = self.step(thread, machine).map_err(|message| ScriptError::new(position, message))?;
             self.used = self.used.saturating_add(self.cost);
             steps = steps.saturating_sub(self.cost);
             *left = left.saturating_sub(self.cost);
@@ -260,7 +260,7 @@ impl Run {
                 return Ok(stop);
             }
         }
-        Ok(Stop::UsedUp)
+        Ok(ThreadStop::UsedUp)
     }
 
     /// Starts a thread in the function `body`; its number.
@@ -295,7 +295,7 @@ impl Run {
         values: Vec<Option<Value>>,
         back: usize,
         base: usize,
-    ) -> Result<Frame, String> {
+    ) -> Result<CallFrame, String> {
         let count = self.code.bodies.get(body).map_or(0, |body| body.variables.len());
         let live = self.live.saturating_add(count);
         if live > limits::LIVE_VARIABLES {
@@ -304,7 +304,7 @@ impl Run {
         self.live = live;
         let mut values = values;
         values.resize(count, None);
-        Ok(Frame { body, values, back, base })
+        Ok(CallFrame { body, values, back, base })
     }
 
     fn kill(&mut self, id: ThreadId, machine: &mut dyn Machine) {
@@ -341,9 +341,9 @@ impl Run {
         machine.ended(thread.id);
     }
 
-    fn place(&self, id: ThreadId) -> Place {
+    fn position(&self, id: ThreadId) -> ScriptPosition {
         let thread = self.threads.iter().flatten().find(|thread| thread.id == id);
-        thread.and_then(|thread| self.code.places.get(thread.at)).copied().unwrap_or_default()
+        thread.and_then(|thread| self.code.positions.get(thread.at)).copied().unwrap_or_default()
     }
 
     /// Counts what an instruction made against the bounds of time and memory.

@@ -1,25 +1,25 @@
 //! One instruction.
 
-use super::super::code::{Op, Ready, Where};
-use super::super::machine::{Arguments, Call, Called, Machine};
+use super::super::code::{Op, PreparedCall, Where};
+use super::super::machine::{Arguments, Called, Machine, MachineCall};
 use super::super::value::{List, Value};
 use super::super::{arithmetic, builtins, limits};
 use super::thread::{EMPTY, Thread};
-use super::{Run, Stop, ThreadId};
+use super::{ScriptRun, ThreadId, ThreadStop};
 use std::sync::Arc;
 
 fn weight<'a>(values: impl IntoIterator<Item = &'a Value>) -> usize {
     values.into_iter().map(Value::weight).fold(0, usize::saturating_add)
 }
 
-impl Run {
+impl ScriptRun {
     /// Executes the thread's next instruction; why the thread stops, if it does. The error does not tell the
-    /// place.
+    /// position.
     pub(super) fn step(
         &mut self,
         thread: &mut Thread,
         machine: &mut dyn Machine,
-    ) -> Result<Option<Stop>, String> {
+    ) -> Result<Option<ThreadStop>, String> {
         let code = Arc::clone(&self.code);
         let op = *code.ops.get(thread.at).ok_or("the program has no more instructions")?;
         let mut next = thread.at.saturating_add(1);
@@ -111,9 +111,10 @@ impl Run {
                     Some(arguments) => arguments,
                     None => arguments(thread, ready)?,
                 };
-                let place = code.places.get(thread.at).copied().unwrap_or_default();
+                let position = code.positions.get(thread.at).copied().unwrap_or_default();
                 let id = thread.id;
-                let called = machine.call(&Call { thread: id, name, arguments: &arguments, first, place });
+                let called =
+                    machine.call(&MachineCall { thread: id, name, arguments: &arguments, first, position });
                 let named = arguments.named.iter().map(|(_, value)| value);
                 let held = weight(arguments.positional.iter().chain(named));
                 self.cost = self.cost.saturating_add(machine.spent());
@@ -123,11 +124,11 @@ impl Run {
                     Called::Cycle(value) => {
                         self.give_made(thread, value)?;
                         thread.at = next;
-                        return Ok(Some(Stop::Waits));
+                        return Ok(Some(ThreadStop::Waits));
                     }
                     Called::Wait => {
                         thread.asking = Some(arguments);
-                        return Ok(Some(Stop::Waits));
+                        return Ok(Some(ThreadStop::Waits));
                     }
                     Called::Unknown => return Err(format!("there is no function {name}")),
                     Called::Failed(message) => return Err(format!("{name}: {message}")),
@@ -155,7 +156,7 @@ impl Run {
                 let frame = thread.calls.pop().ok_or(EMPTY)?;
                 self.live = self.live.saturating_sub(frame.values.len());
                 if thread.calls.is_empty() {
-                    return Ok(Some(Stop::Over));
+                    return Ok(Some(ThreadStop::Over));
                 }
                 thread.stack.truncate(frame.base);
                 thread.give(value)?;
@@ -164,7 +165,7 @@ impl Run {
             Op::Kill => {
                 if let Some(id) = named_thread(&thread.take()?)? {
                     if id == thread.id {
-                        return Ok(Some(Stop::Killed));
+                        return Ok(Some(ThreadStop::Killed));
                     }
                     self.kill(id, machine);
                 }
@@ -178,11 +179,11 @@ impl Run {
                     if self.is_alive(id) {
                         thread.joining = Some(id);
                         thread.give(value)?;
-                        return Ok(Some(Stop::Joins));
+                        return Ok(Some(ThreadStop::Joins));
                     }
                 }
             }
-            Op::Halt => return Ok(Some(Stop::Halts)),
+            Op::Halt => return Ok(Some(ThreadStop::Halts)),
             Op::EnterCritical => thread.critical = true,
             Op::ExitCritical => thread.critical = false,
         }
@@ -222,18 +223,18 @@ impl Run {
 }
 
 /// The first variables of a call, as its arguments have them.
-fn values(thread: &mut Thread, ready: &Ready) -> Result<Vec<Option<Value>>, String> {
+fn values(thread: &mut Thread, ready: &PreparedCall) -> Result<Vec<Option<Value>>, String> {
     let mut values = vec![None; ready.slots.iter().map(|&slot| usize::from(slot) + 1).max().unwrap_or(0)];
     for (slot, value) in ready.slots.iter().zip(thread.take_many(ready.arguments)?) {
-        if let Some(place) = values.get_mut(usize::from(*slot)) {
-            *place = Some(value);
+        if let Some(position) = values.get_mut(usize::from(*slot)) {
+            *position = Some(value);
         }
     }
     Ok(values)
 }
 
 /// The arguments of a call to the machine.
-fn arguments(thread: &mut Thread, ready: &Ready) -> Result<Arguments, String> {
+fn arguments(thread: &mut Thread, ready: &PreparedCall) -> Result<Arguments, String> {
     let mut positional = thread.take_many(ready.arguments)?;
     let by_name = positional.len().saturating_sub(ready.names.len());
     let named = ready.names.iter().cloned().zip(positional.split_off(by_name)).collect();

@@ -12,10 +12,9 @@ pub(super) struct Thread {
     pub(super) id: ThreadId,
     /// The thread that started it.
     pub(super) parent: Option<ThreadId>,
-    /// The next instruction.
     pub(super) at: usize,
     pub(super) stack: Vec<Value>,
-    pub(super) calls: Vec<Frame>,
+    pub(super) calls: Vec<CallFrame>,
     /// The machine is asked again with these.
     pub(super) asking: Option<Arguments>,
     /// Waits for this thread's end.
@@ -29,8 +28,7 @@ pub(super) struct Thread {
 
 /// The variables of a call.
 #[derive(Debug)]
-pub(super) struct Frame {
-    /// The function's number.
+pub(super) struct CallFrame {
     pub(super) body: usize,
     pub(super) values: Vec<Option<Value>>,
     /// The instruction after the call.

@@ -9,14 +9,15 @@ use foretrace_config::Config;
 use super::super::address::Addresses;
 use super::super::check::Series;
 use super::super::clock::{ClockMap, Mapped};
+use super::super::kinematics::deviation;
 use super::super::measures;
-use super::super::probe::{deviation_of, installation};
-use super::super::registers::{Answer, Numbers, Registers};
+use super::super::probe::installation;
+use super::super::registers::{Numbers, ProgramAnswer, RegisterMap};
 use super::super::trip::Trips;
 use super::{Facts, Modes, Port, RegisterFact, Timing};
 use crate::dashboard::{Dashboard, DashboardError};
 use crate::primary::PrimaryError;
-use crate::rtde::{Client, ProtocolVersion, RtdeError, Value};
+use crate::rtde::{ProtocolVersion, RtdeClient, RtdeError, RtdeValue};
 
 /// Longest wait for a step.
 const PATIENCE: Duration = Duration::from_secs(3);
@@ -45,7 +46,7 @@ pub fn gather(
             } else {
                 Port::Strange("no robot state came".to_owned())
             };
-            facts.deviation = measures.dh.and_then(|dh| deviation_of(&dh, config));
+            facts.deviation = measures.dh.and_then(|dh| deviation(&dh, config));
             // The dashboard calls a UR5e a UR5; its measures do not.
             let measured = measures.dh.and_then(|dh| dh.name()).map(str::to_owned);
             facts.arm = measured.or_else(|| facts.arm.take());
@@ -97,7 +98,7 @@ fn rtde(
     interrupted: &dyn Fn() -> bool,
     facts: &mut Facts,
 ) -> Result<ProtocolVersion, RtdeError> {
-    let mut first = Client::connect(addresses.rtde, PATIENCE)?;
+    let mut first = RtdeClient::connect(addresses.rtde, PATIENCE)?;
     let protocol = first.protocol();
     facts.version = Some(first.controller_version()?);
     facts.installation = installation(&mut first, PATIENCE).ok();
@@ -105,10 +106,10 @@ fn rtde(
     let Some(series) = facts.version.and_then(|version| Series::of(version).ok()) else {
         return Ok(protocol);
     };
-    let Some(registers) = Registers::at(config.settings().robot.ur.register_base) else {
+    let Some(registers) = RegisterMap::at(config.settings().robot.ur.register_base) else {
         return Ok(protocol);
     };
-    let mut second = Client::connect(addresses.rtde, PATIENCE)?;
+    let mut second = RtdeClient::connect(addresses.rtde, PATIENCE)?;
     let claimed = claim(&mut second, &registers)?;
     let free = claimed == RegisterFact::Free;
     facts.registers = Some(claimed);
@@ -117,7 +118,7 @@ fn rtde(
 }
 
 /// One by one, so that each that is not to be had is named.
-fn claim(client: &mut Client, registers: &Registers) -> Result<RegisterFact, RtdeError> {
+fn claim(client: &mut RtdeClient, registers: &RegisterMap) -> Result<RegisterFact, RtdeError> {
     let (mut in_use, mut unknown) = (Vec::new(), Vec::new());
     for name in registers.input_names() {
         match client.set_up_inputs(&[name.as_str()]) {
@@ -137,8 +138,8 @@ fn claim(client: &mut Client, registers: &Registers) -> Result<RegisterFact, Rtd
 /// Listens at the controller's own rate. Where the counter's register is ours it is written and read back,
 /// which no program is needed for: inputs are outputs as well.
 fn listen(
-    client: &mut Client,
-    registers: &Registers,
+    client: &mut RtdeClient,
+    registers: &RegisterMap,
     free: bool,
     rate_hz: f64,
     lasting: Duration,
@@ -168,15 +169,15 @@ fn listen(
         let arrival_ns = monotonic_now_ns();
         let mut values = package.values.into_iter();
         let mut next = || values.next();
-        let timestamp = next().and_then(Value::double).unwrap_or(f64::NAN);
+        let timestamp = next().and_then(RtdeValue::double).unwrap_or(f64::NAN);
         facts.modes = Some(Modes {
-            robot: next().and_then(Value::int32).unwrap_or(i32::MIN),
-            safety: next().and_then(Value::int32).unwrap_or(i32::MIN),
-            runtime: next().and_then(Value::uint32).unwrap_or(u32::MAX),
-            speed_scaling: next().and_then(Value::double).unwrap_or(f64::NAN),
-            slider: next().and_then(Value::double).unwrap_or(f64::NAN),
+            robot: next().and_then(RtdeValue::int32).unwrap_or(i32::MIN),
+            safety: next().and_then(RtdeValue::int32).unwrap_or(i32::MIN),
+            runtime: next().and_then(RtdeValue::uint32).unwrap_or(u32::MAX),
+            speed_scaling: next().and_then(RtdeValue::double).unwrap_or(f64::NAN),
+            slider: next().and_then(RtdeValue::double).unwrap_or(f64::NAN),
         });
-        let echo = next().and_then(Value::int32).unwrap_or(0);
+        let echo = next().and_then(RtdeValue::int32).unwrap_or(0);
         states += 1;
         if let Some(last) = last.replace(timestamp) {
             skipped += (((timestamp - last) / cycle_s).round() as u64).saturating_sub(1);
@@ -186,11 +187,11 @@ fn listen(
         {
             late_ms.push(arrival_ns.saturating_sub(stamp_ns) as f64 * 1e-6);
         }
-        trips.answered(&Answer { echo, ..Answer::default() }, timestamp);
+        trips.answered(&ProgramAnswer { echo, ..ProgramAnswer::default() }, timestamp);
         if let Some(recipe) = &recipe {
             let counter = counters.next_number();
             trips.sent(counter, timestamp);
-            client.send(recipe, &[Value::Int32(counter)])?;
+            client.send(recipe, &[RtdeValue::Int32(counter)])?;
         }
     }
     facts.timing = Some(Timing {

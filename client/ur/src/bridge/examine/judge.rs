@@ -40,8 +40,16 @@ fn poor(name: &'static str, grade: Grade, value: impl Into<String>, fix: impl In
     Finding { name, grade, value: value.into(), fix: fix.into() }
 }
 
+fn fair(name: &'static str, value: impl Into<String>, fix: impl Into<String>) -> Finding {
+    poor(name, Grade::Fair, value, fix)
+}
+
+fn bad(name: &'static str, value: impl Into<String>, fix: impl Into<String>) -> Finding {
+    poor(name, Grade::Bad, value, fix)
+}
+
 fn unseen(name: &'static str, why: &str) -> Finding {
-    poor(name, Grade::Fair, format!("not known: {why}"), "put right what stands above, then run again")
+    fair(name, format!("not known: {why}"), "put right what stands above, then run again")
 }
 
 fn port(name: &'static str, port: &Port, service: &str, grade: Grade) -> Finding {
@@ -75,14 +83,14 @@ fn version(facts: &Facts, settings: &Settings) -> Finding {
     let series = match Series::of(version) {
         Ok(series) => series,
         Err(refusal) => {
-            return poor(NAME, Grade::Bad, version.to_string(), refusal.to_string());
+            return bad(NAME, version.to_string(), refusal.to_string());
         }
     };
     let arm = facts.arm.as_deref().unwrap_or("arm not named");
     let value = format!("{series} {version}, {arm}, {} Hz", series.rate_hz());
     match check::rate(series, settings.robot.controller_rate_hz) {
         Ok(()) => good(NAME, value),
-        Err(refusal) => poor(NAME, Grade::Bad, value, refusal.to_string()),
+        Err(refusal) => bad(NAME, value, refusal.to_string()),
     }
 }
 
@@ -93,12 +101,11 @@ fn remote(facts: &Facts) -> Finding {
         (Some(false), _) => {
             let fix = "switch to Remote Control at the top right of the pendant; enable it first under \
                        Settings, System, Remote Control";
-            poor(NAME, Grade::Bad, "off: the controller takes no programs from here", fix)
+            bad(NAME, "off: the controller takes no programs from here", fix)
         }
         (None, Some(version)) if version.major == 3 => good(NAME, "CB3 has none and needs none"),
-        (None, _) => poor(
+        (None, _) => fair(
             NAME,
-            Grade::Fair,
             "not known: the dashboard does not say",
             "look at the top right of the pendant: Remote, not Local (before 5.6 nothing tells it)",
         ),
@@ -116,7 +123,7 @@ fn robot(modes: &Modes) -> Finding {
         8 => ("updating its firmware", "wait"),
         _ => ("in a mode nobody knows", "look at the pendant"),
     };
-    poor(NAME, Grade::Bad, words, fix)
+    bad(NAME, words, fix)
 }
 
 fn safety(modes: &Modes) -> Finding {
@@ -126,7 +133,7 @@ fn safety(modes: &Modes) -> Finding {
         2 => {
             let fix =
                 "leave the area or release the input that causes it: the controller may slow the arm down";
-            return poor(NAME, Grade::Fair, "reduced mode", fix);
+            return fair(NAME, "reduced mode", fix);
         }
         3 => ("protective stop", "find out why, then release it on the pendant"),
         4 => ("recovery", "move the joint back within its limits on the pendant"),
@@ -135,22 +142,21 @@ fn safety(modes: &Modes) -> Finding {
         8 | 9 => ("violation or fault", "read the log of the pendant, restart the safety system there"),
         _ => ("not in order", "look at the pendant"),
     };
-    poor(NAME, Grade::Bad, words, fix)
+    bad(NAME, words, fix)
 }
 
 fn program(modes: &Modes) -> Finding {
     const NAME: &str = "program";
     match modes.runtime {
         0 | 1 => good(NAME, "none runs"),
-        2 => poor(
+        2 => bad(
             NAME,
-            Grade::Bad,
             "one runs",
             "stop it on the pendant, unless it is the bridge's own: foretrace does not stop programs of \
              others",
         ),
-        3..=5 => poor(NAME, Grade::Bad, "one is paused", "stop it on the pendant"),
-        _ => poor(NAME, Grade::Fair, "in a state nobody knows", "look at the pendant"),
+        3..=5 => bad(NAME, "one is paused", "stop it on the pendant"),
+        _ => fair(NAME, "in a state nobody knows", "look at the pendant"),
     }
 }
 
@@ -162,9 +168,8 @@ fn speed(modes: &Modes) -> Finding {
     if slider >= 99.0 && !scaled {
         return good(NAME, format!("slider at {slider:.0} %"));
     }
-    poor(
+    bad(
         NAME,
-        Grade::Bad,
         format!("slider at {slider:.0} %, scaled to {scaling:.0} %"),
         "set the slider to 100 %: below it the arm would be late everywhere, so the bridge stops",
     )
@@ -175,29 +180,30 @@ fn installation(facts: &Facts, settings: &Settings, position: &[[f64; 2]; JOINTS
         return vec![unseen("installation", "nothing came over RTDE")];
     };
     let refused = check::installation(found, settings, position, facts.loopback);
-    let of = |wanted: fn(&check::Refusal) -> bool| refused.iter().find(|refusal| wanted(refusal));
-    let joints = match of(|refusal| matches!(refusal, check::Refusal::Joint { .. })) {
+    let of = |wanted: fn(&check::CheckRefusal) -> bool| refused.iter().find(|refusal| wanted(refusal));
+    let joints = match of(|refusal| matches!(refusal, check::CheckRefusal::Joint { .. })) {
         None => good("joints", "within the settings' limits"),
-        Some(refusal) => poor("joints", Grade::Bad, "beyond the settings' limits", refusal.to_string()),
+        Some(refusal) => bad("joints", "beyond the settings' limits", refusal.to_string()),
     };
     let payload = match (found.payload_kg, settings.robot.ur.payload_kg) {
-        (None, _) => poor(
+        (None, _) => fair(
             "payload",
-            Grade::Fair,
             "not known: this version does not tell it",
             "look under Installation, Payload: the weight of pen and holder",
         ),
-        (Some(kg), said) => {
+        (Some(kg), content) => {
             let value = format!("{kg:.2} kg");
             let refused = of(|refusal| {
-                matches!(refusal, check::Refusal::Payload { .. } | check::Refusal::PayloadUnsaid { .. })
+                matches!(
+                    refusal,
+                    check::CheckRefusal::Payload { .. } | check::CheckRefusal::PayloadUnsaid { .. }
+                )
             });
-            match (refused, said) {
-                (Some(refusal), _) => poor("payload", Grade::Bad, value, refusal.to_string()),
+            match (refused, content) {
+                (Some(refusal), _) => bad("payload", value, refusal.to_string()),
                 (None, Some(_)) => good("payload", value),
-                (None, None) => poor(
+                (None, None) => fair(
                     "payload",
-                    Grade::Fair,
                     value,
                     "nobody compares it on this machine; for a real arm set robot.ur.payload_kg",
                 ),
@@ -205,17 +211,16 @@ fn installation(facts: &Facts, settings: &Settings, position: &[[f64; 2]; JOINTS
         }
     };
     let tcp = match found.tcp_m {
-        None => poor(
+        None => fair(
             "tool centre point",
-            Grade::Fair,
             "not known: this version does not tell it",
             "look under Installation, TCP: the tip of the pen",
         ),
         Some([x, y, z]) => {
             let value = format!("[{x:.4}, {y:.4}, {z:.4}] m from the flange");
-            match of(|refusal| matches!(refusal, check::Refusal::Tcp { .. })) {
+            match of(|refusal| matches!(refusal, check::CheckRefusal::Tcp { .. })) {
                 None => good("tool centre point", value),
-                Some(refusal) => poor("tool centre point", Grade::Bad, value, refusal.to_string()),
+                Some(refusal) => bad("tool centre point", value, refusal.to_string()),
             }
         }
     };
@@ -228,16 +233,14 @@ fn registers(facts: &Facts, settings: &Settings) -> Finding {
     match &facts.registers {
         None => unseen(NAME, "RTDE could not be asked"),
         Some(RegisterFact::Free) => good(NAME, format!("from {base}: free")),
-        Some(RegisterFact::InUse(names)) => poor(
+        Some(RegisterFact::InUse(names)) => bad(
             NAME,
-            Grade::Bad,
             format!("IN_USE: {}", names.join(", ")),
             "a fieldbus (Installation, Fieldbus: EtherNet/IP, PROFINET, MODBUS) or another RTDE client \
              holds them: switch it off, or set another robot.ur.register_base (24 to 30)",
         ),
-        Some(RegisterFact::Unknown(names)) => poor(
+        Some(RegisterFact::Unknown(names)) => bad(
             NAME,
-            Grade::Bad,
             format!("not known to this version: {}", names.join(", ")),
             "update the controller: registers from 24 came with 3.9 and 5.3",
         ),
@@ -258,12 +261,12 @@ fn line(timing: Option<&Timing>) -> Finding {
     if share > 0.01 || !(most <= 2.0 * cycle_ms) {
         let fix = "use a direct cable, no Wi-Fi and no switch that others use; run `foretrace doctor` for \
                    this machine";
-        return poor(NAME, Grade::Bad, value, fix);
+        return bad(NAME, value, fix);
     }
     if timing.skipped > 0 || !(latest <= 2.0 * cycle_ms) {
         let fix = "rare, but each one uses up a cycle of extrapolation: look for what else runs here or on \
                    the line";
-        return poor(NAME, Grade::Fair, value, fix);
+        return fair(NAME, value, fix);
     }
     good(NAME, value)
 }
@@ -289,10 +292,10 @@ fn round_trip(timing: Option<&Timing>) -> Finding {
     if slow > 0.001 {
         let fix =
             "more than five cycles stop the arm: a direct cable, and `foretrace doctor` for this machine";
-        return poor(NAME, Grade::Bad, value, fix);
+        return bad(NAME, value, fix);
     }
     if longest > 5 {
-        return poor(NAME, Grade::Fair, value, "each one beyond five cycles would have stopped the arm");
+        return fair(NAME, value, "each one beyond five cycles would have stopped the arm");
     }
     good(NAME, value)
 }
@@ -303,16 +306,15 @@ fn calibration(facts: &Facts) -> Finding {
     let deviation = facts.deviation.as_ref();
     if let Err(refusal) = check::model(deviation, facts.arm.as_deref()) {
         let value = "the model is of another arm".to_owned();
-        return poor(NAME, Grade::Bad, value, refusal.to_string());
+        return bad(NAME, value, refusal.to_string());
     }
     match deviation {
-        None => poor(NAME, Grade::Fair, "not known: the controller did not tell its kinematics", fix),
+        None => fair(NAME, "not known: the controller did not tell its kinematics", fix),
         Some(off) if off.most_mm <= check::CALIBRATED_MM => {
             good(NAME, format!("the model is the arm's own, to {:.2} mm at the paper", off.most_mm))
         }
-        Some(off) => poor(
+        Some(off) => fair(
             NAME,
-            Grade::Fair,
             format!(
                 "the tip is up to {:.1} mm from where the model believes it, uneven over the paper by \
                  {:.1} mm",
@@ -332,7 +334,7 @@ fn dead_man(facts: &Facts, settings: &Settings) -> Finding {
     } else {
         let fix = "set safety.enable_required = true (preset ur5-first-run has it), or start with \
                    --without-dead-man";
-        poor(NAME, Grade::Bad, "not required", fix)
+        bad(NAME, "not required", fix)
     }
 }
 

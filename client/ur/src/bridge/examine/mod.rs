@@ -21,9 +21,7 @@ pub struct Facts {
     pub loopback: bool,
     /// The dashboard's greeting, or what stood in the way.
     pub dashboard: Port,
-    /// The primary interface.
     pub primary: Port,
-    /// RTDE.
     pub rtde: Port,
     /// Software of the controller.
     pub version: Option<Version>,
@@ -46,7 +44,6 @@ pub struct Facts {
 /// What became of the attempt to use a port.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub enum Port {
-    /// Not tried.
     #[default]
     Untried,
     /// It answers, with these words.
@@ -77,9 +74,7 @@ pub struct Modes {
 /// May the bridge have its registers?
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum RegisterFact {
-    /// Yes.
     Free,
-    /// Others hold these.
     InUse(Vec<String>),
     /// The controller does not know these.
     Unknown(Vec<String>),
@@ -92,7 +87,6 @@ pub struct Timing {
     pub seconds: f64,
     /// Cycles per second of the controller \[Hz\].
     pub rate_hz: f64,
-    /// States that came.
     pub states: u64,
     /// States that did not, by the timestamps of those that did.
     pub skipped: u64,
@@ -120,7 +114,6 @@ pub struct Finding {
     pub name: &'static str,
     /// How good it is.
     pub grade: Grade,
-    /// What was found.
     pub value: String,
     /// What to do; empty only where it is good.
     pub fix: String,

@@ -16,7 +16,7 @@ struct Scene {
     package: Package,
     cycle: u64,
     /// Inputs under way to the controller.
-    under_way: Option<Inputs>,
+    under_way: Option<RegisterInputs>,
     home: [f64; JOINTS],
 }
 
@@ -43,7 +43,7 @@ fn scene(floor: Option<f64>) -> Scene {
         runtime_state: 1,
         speed_scaling: 1.0,
         target_speed_fraction: 1.0,
-        answer: Answer::default(),
+        answer: ProgramAnswer::default(),
     };
     Scene { pilot, package, cycle: 0, under_way: None, home: robot.home }
 }
@@ -53,14 +53,14 @@ impl Scene {
         START_NS + self.cycle * CYCLE_NS
     }
 
-    fn cycle(&mut self) -> Outcome {
+    fn cycle(&mut self) -> CycleResult {
         self.cycle += 1;
         self.package.timestamp = 50.0 + self.cycle as f64 * 0.008;
         if let Some(inputs) = self.under_way.take() {
             let answer = &mut self.package.answer;
             answer.echo = inputs.counter;
-            if inputs.leave > 0 {
-                (answer.state, answer.used) = (2, inputs.leave);
+            if inputs.permit > 0 {
+                (answer.state, answer.used) = (2, inputs.permit);
                 self.package.q = inputs.q;
             } else if answer.state == 2 {
                 answer.state = 1;
@@ -69,7 +69,7 @@ impl Scene {
         let outcome = self.pilot.cycle(&self.package, self.now_ns() + 200_000).unwrap();
         if let Some(session) = outcome.upload {
             self.package.runtime_state = 2;
-            self.package.answer = Answer { session, state: 1, ..Answer::default() };
+            self.package.answer = ProgramAnswer { session, state: 1, ..ProgramAnswer::default() };
         }
         self.under_way = Some(outcome.inputs);
         outcome
@@ -138,10 +138,10 @@ fn a_moving_command_is_sent_as_it_will_be_when_the_controller_uses_it() {
         let sent = outcome.inputs.q[0];
         // The line's own 0.2 ms are part of the mapped instant.
         assert!((sent - wanted).abs() < 0.5 * 0.35e-3, "{sent} {wanted}");
-        assert!(outcome.inputs.leave > 0);
+        assert!(outcome.inputs.permit > 0);
     }
-    assert_eq!(scene.pilot.trips().usual(), 1);
-    assert_eq!(scene.pilot.counts().skipped, 0);
+    assert_eq!(scene.pilot.trips.usual(), 1);
+    assert_eq!(scene.pilot.counts.skipped, 0);
 }
 
 #[test]
@@ -166,7 +166,7 @@ fn a_daemon_that_falls_silent_leaves_a_braking_arm_not_a_jumping_one() {
 }
 
 #[test]
-fn a_command_far_away_takes_the_leave_back() {
+fn a_command_far_away_takes_the_permit_back() {
     let mut scene = scene(None);
     scene.follow();
     let home = scene.home;
@@ -174,22 +174,22 @@ fn a_command_far_away_takes_the_leave_back() {
     let since = scene.now_ns();
     scene.command(0.0, since, false);
     let outcome = scene.cycle();
-    assert_eq!((outcome.inputs.leave, outcome.inputs.q), (0, home));
-    assert_eq!(scene.pilot.machine().reason(), Some(Reason::TargetJump));
+    assert_eq!((outcome.inputs.permit, outcome.inputs.q), (0, home));
+    assert_eq!(scene.pilot.machine.reason(), Some(HaltReason::TargetJump));
     assert_eq!(outcome.state.robot_mode, u32::from(RobotMode::Idle));
 }
 
 #[test]
-fn a_command_that_is_no_number_takes_the_leave_back() {
+fn a_command_that_is_no_number_takes_the_permit_back() {
     let mut scene = scene(None);
     scene.follow();
     scene.home[4] = f64::NAN;
     let since = scene.now_ns();
     scene.command(0.0, since, false);
     let outcome = scene.cycle();
-    assert_eq!(outcome.inputs.leave, 0);
+    assert_eq!(outcome.inputs.permit, 0);
     assert!(outcome.inputs.q.iter().all(|q| q.is_finite()));
-    assert_eq!(scene.pilot.machine().reason(), Some(Reason::TargetJump));
+    assert_eq!(scene.pilot.machine.reason(), Some(HaltReason::TargetJump));
 }
 
 #[test]
@@ -199,8 +199,8 @@ fn arming_far_from_where_the_arm_stands_is_refused() {
     scene.home[1] += 0.3;
     let since = scene.now_ns();
     scene.command(0.0, since, true);
-    assert_eq!(scene.cycle().inputs.leave, 0);
-    assert_eq!(scene.pilot.machine().reason(), Some(Reason::TargetJump));
+    assert_eq!(scene.cycle().inputs.permit, 0);
+    assert_eq!(scene.pilot.machine.reason(), Some(HaltReason::TargetJump));
 }
 
 #[test]
@@ -208,7 +208,7 @@ fn without_calibration_the_pen_is_not_lowered_beyond_the_stated_height() {
     // The preset's home lifts the pen by 10 mm.
     let mut scene = scene(Some(0.009));
     scene.follow();
-    assert!(matches!(scene.pilot.machine().phase(), super::super::reaction::Phase::Following { .. }));
+    assert!(matches!(scene.pilot.machine.phase(), super::super::reaction::Phase::Following { .. }));
     let since = scene.now_ns();
     // The shoulder sinks.
     let mut refused = false;
@@ -225,10 +225,10 @@ fn without_calibration_the_pen_is_not_lowered_beyond_the_stated_height() {
         command.q[1] += 0.05 * (stamp_ns - since) as f64 * 1e-9;
         command.qd[1] = 0.05;
         scene.pilot.take(&command, stamp_ns);
-        refused |= scene.cycle().inputs.leave == 0;
+        refused |= scene.cycle().inputs.permit == 0;
     }
     assert!(refused);
-    assert_eq!(scene.pilot.machine().reason(), Some(Reason::Uncalibrated));
+    assert_eq!(scene.pilot.machine.reason(), Some(HaltReason::Uncalibrated));
 }
 
 #[test]
@@ -236,15 +236,15 @@ fn the_floor_allows_for_the_tip_being_lower_than_the_model_believes() {
     let config = Config::preset("ur5").unwrap();
     let off = |most_mm| Some(Deviation { most_mm, uneven_mm: 0.0, height_mm: 0.0 });
     let height = |deviation| Floor::of(&config, deviation).map(|floor| floor.height_m);
-    let said = config.settings().robot.ur.uncalibrated_height_m;
+    let content = config.settings().robot.ur.uncalibrated_height_m;
     assert_eq!(height(off(0.4)), None);
-    assert!((height(off(12.0)).unwrap() - (said + 0.012)).abs() < 1e-12);
-    assert_eq!(height(None), Some(said));
+    assert!((height(off(12.0)).unwrap() - (content + 0.012)).abs() < 1e-12);
+    assert_eq!(height(None), Some(content));
     assert!(height(off(f64::NAN)).is_some_and(|height| !(0.0 >= height)));
 }
 
 #[test]
-fn a_restarted_controller_is_told() {
+fn a_restarted_controller_is_reported() {
     let mut scene = scene(None);
     scene.cycles(100);
     let arrival = scene.now_ns() + 20 * CYCLE_NS;
@@ -253,7 +253,7 @@ fn a_restarted_controller_is_told() {
 }
 
 #[test]
-fn a_controller_without_an_arm_is_told_as_one_that_may_not_move() {
+fn a_controller_without_an_arm_is_reported_as_one_that_may_not_move() {
     let mut scene = scene(None);
     scene.cycles(100);
     scene.package.robot_mode = -1;
@@ -266,7 +266,7 @@ fn states_that_were_skipped_are_counted_by_their_timestamps() {
     scene.cycle();
     scene.cycle += 4;
     scene.cycle();
-    assert_eq!(scene.pilot.counts().skipped, 4);
+    assert_eq!(scene.pilot.counts.skipped, 4);
 }
 
 proptest! {
@@ -277,7 +277,7 @@ proptest! {
         use foretrace_shm_checks::is_sound;
         let mut scene = scene(None);
         scene.cycles(100);
-        let session = scene.pilot.machine().token();
+        let session = scene.pilot.machine.token();
         for (cycle, (robot_mode, safety_mode, runtime_state, speed, state, used)) in (101u64..).zip(words) {
             let package = Package {
                 timestamp: 50.0 + cycle as f64 * 0.008,
@@ -285,12 +285,12 @@ proptest! {
                 safety_mode,
                 runtime_state,
                 speed_scaling: f64::from_bits(speed),
-                answer: Answer::from_words([used, state, session, state, used, robot_mode, used]),
+                answer: ProgramAnswer::from_words([used, state, session, state, used, robot_mode, used]),
                 ..scene.package
             };
             if let Some(outcome) = scene.pilot.cycle(&package, START_NS + cycle * CYCLE_NS) {
                 prop_assert!(is_sound(&outcome.state));
-                prop_assert!(outcome.inputs.leave <= 0);
+                prop_assert!(outcome.inputs.permit <= 0);
             }
         }
     }

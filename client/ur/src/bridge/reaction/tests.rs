@@ -1,5 +1,7 @@
 //! A row per thing that may go wrong: what the bridge does, what it says, and what it takes to go on.
 
+mod moments;
+
 use super::*;
 use proptest::prelude::*;
 
@@ -7,26 +9,26 @@ const CYCLE_S: f64 = 0.008;
 
 /// A controller that does what a healthy one does, unless told otherwise.
 struct Scene {
-    machine: Machine,
+    machine: BridgeMachine,
     now_s: f64,
-    seen: Seen,
+    seen: Observation,
     wanted: Wanted,
     uploads: usize,
 }
 
 impl Scene {
     fn new() -> Self {
-        let seen = Seen {
+        let seen = Observation {
             robot_mode: 7,
             safety_mode: 1,
             runtime_state: 1,
             speed: 1.0,
-            answer: Answer::default(),
+            answer: ProgramAnswer::default(),
             echoed: true,
             silence_s: 0.0,
             starved: false,
         };
-        let mut machine = Machine::new(Tokens::from_seed(4711), Numbers::from_seed(100));
+        let mut machine = BridgeMachine::new(Tokens::from_seed(4711), Numbers::from_seed(100));
         machine.connected(false);
         machine.settings_agree(Some(true));
         Self { machine, now_s: 50.0, seen, wanted: Wanted::default(), uploads: 0 }
@@ -42,10 +44,11 @@ impl Scene {
             Act::Upload => {
                 self.uploads += 1;
                 self.seen.runtime_state = 2;
-                *answer = Answer { session: self.machine.token(), state: 1, ..Answer::default() };
+                *answer =
+                    ProgramAnswer { session: self.machine.token(), state: 1, ..ProgramAnswer::default() };
             }
-            Act::Follow(leave) if answer.used != leave => {
-                (answer.used, answer.state, answer.why) = (leave, 2, 0)
+            Act::Follow(permit) if answer.used != permit => {
+                (answer.used, answer.state, answer.why) = (permit, 2, 0)
             }
             Act::Wait if answer.state == 2 => answer.state = 1,
             Act::EndEarlier => self.seen.runtime_state = 1,
@@ -76,31 +79,35 @@ impl Scene {
 /// Spoils a healthy scene.
 type Spoil = fn(&mut Scene);
 
-const ROWS: [(&str, Spoil, Reason); 20] = [
-    ("protective stop", |s| s.seen.safety_mode = 3, Reason::ProtectiveStop),
-    ("recovery", |s| s.seen.safety_mode = 4, Reason::Recovery),
-    ("safeguard stop", |s| s.seen.safety_mode = 5, Reason::SafeguardStop),
-    ("system emergency stop", |s| s.seen.safety_mode = 6, Reason::EmergencyStop),
-    ("robot emergency stop", |s| s.seen.safety_mode = 7, Reason::EmergencyStop),
-    ("violation", |s| s.seen.safety_mode = 8, Reason::SafetyFault),
-    ("fault", |s| s.seen.safety_mode = 9, Reason::SafetyFault),
-    ("a safety mode nobody knows", |s| s.seen.safety_mode = 77, Reason::SafetyFault),
-    ("brakes closed", |s| s.seen.robot_mode = 5, Reason::NotRunning),
-    ("switched off", |s| s.seen.robot_mode = 3, Reason::NotRunning),
-    ("booting", |s| s.seen.robot_mode = 2, Reason::Booting),
-    ("freedrive", |s| s.seen.robot_mode = 6, Reason::Backdrive),
-    ("pausing", |s| s.seen.runtime_state = 3, Reason::Paused),
-    ("paused", |s| s.seen.runtime_state = 4, Reason::Paused),
-    ("slider at 98 %", |s| s.seen.speed = 0.98, Reason::Slowed),
-    ("speed is no number", |s| s.seen.speed = f64::NAN, Reason::Slowed),
-    ("counters late", |s| (s.seen.answer.state, s.seen.answer.why) = (3, 1), Reason::CountersLate),
-    ("jump seen by the program", |s| (s.seen.answer.state, s.seen.answer.why) = (3, 2), Reason::TargetJump),
-    ("jump seen by the bridge", |s| s.wanted.refused = Some(Reason::TargetJump), Reason::TargetJump),
-    ("no echo for half a second", |s| s.seen.silence_s = 0.6, Reason::NoAnswer),
+const ROWS: [(&str, Spoil, HaltReason); 20] = [
+    ("protective stop", |s| s.seen.safety_mode = 3, HaltReason::ProtectiveStop),
+    ("recovery", |s| s.seen.safety_mode = 4, HaltReason::Recovery),
+    ("safeguard stop", |s| s.seen.safety_mode = 5, HaltReason::SafeguardStop),
+    ("system emergency stop", |s| s.seen.safety_mode = 6, HaltReason::EmergencyStop),
+    ("robot emergency stop", |s| s.seen.safety_mode = 7, HaltReason::EmergencyStop),
+    ("violation", |s| s.seen.safety_mode = 8, HaltReason::SafetyFault),
+    ("fault", |s| s.seen.safety_mode = 9, HaltReason::SafetyFault),
+    ("a safety mode nobody knows", |s| s.seen.safety_mode = 77, HaltReason::SafetyFault),
+    ("brakes closed", |s| s.seen.robot_mode = 5, HaltReason::NotRunning),
+    ("switched off", |s| s.seen.robot_mode = 3, HaltReason::NotRunning),
+    ("booting", |s| s.seen.robot_mode = 2, HaltReason::Booting),
+    ("freedrive", |s| s.seen.robot_mode = 6, HaltReason::Backdrive),
+    ("pausing", |s| s.seen.runtime_state = 3, HaltReason::Paused),
+    ("paused", |s| s.seen.runtime_state = 4, HaltReason::Paused),
+    ("slider at 98 %", |s| s.seen.speed = 0.98, HaltReason::Slowed),
+    ("speed is no number", |s| s.seen.speed = f64::NAN, HaltReason::Slowed),
+    ("counters late", |s| (s.seen.answer.state, s.seen.answer.why) = (3, 1), HaltReason::CountersLate),
+    (
+        "jump seen by the program",
+        |s| (s.seen.answer.state, s.seen.answer.why) = (3, 2),
+        HaltReason::TargetJump,
+    ),
+    ("jump seen by the bridge", |s| s.wanted.refused = Some(HaltReason::TargetJump), HaltReason::TargetJump),
+    ("no echo for half a second", |s| s.seen.silence_s = 0.6, HaltReason::NoAnswer),
 ];
 
 #[test]
-fn each_hindrance_takes_the_leave_back_at_once_and_is_told_to_the_daemon() {
+fn each_hindrance_takes_the_permit_back_at_once_and_is_reported_to_the_daemon() {
     for (name, spoil, reason) in ROWS {
         let mut scene = Scene::following();
         spoil(&mut scene);
@@ -117,9 +124,9 @@ fn after_each_of_them_nothing_moves_until_the_daemon_stopped_and_somebody_armed(
         let healthy = scene.seen;
         spoil(&mut scene);
         scene.cycles(0.1);
-        scene.seen = Seen { answer: Answer { state: 1, ..healthy.answer }, ..healthy };
+        scene.seen = Observation { answer: ProgramAnswer { state: 1, ..healthy.answer }, ..healthy };
         scene.wanted.refused = None;
-        // The daemon goes on commanding: no leave, however long.
+        // The daemon goes on commanding: no permit, however long.
         assert!(scene.cycles(2.0).iter().all(|act| *act == Act::Wait), "{name}");
         assert!(!scene.machine.may_move(), "{name}: the daemon has not stopped yet");
         // It stopped: ready, and still no motion.
@@ -160,18 +167,18 @@ fn a_program_that_the_operator_stopped_is_not_started_again() {
     let mut scene = Scene::following();
     scene.seen.runtime_state = 1;
     assert!(scene.cycles(1.0).iter().all(|act| *act == Act::Wait));
-    assert_eq!(scene.machine.reason(), Some(Reason::StoppedByOperator));
+    assert_eq!(scene.machine.reason(), Some(HaltReason::StoppedByOperator));
     scene.wanted.commanding = false;
     scene.cycles(60.0);
     scene.arm();
     scene.cycles(1.0);
     assert_eq!((scene.uploads, scene.machine.may_move()), (1, false));
     // A cable that is pulled in between changes nothing about it.
-    scene.machine.disconnected(Reason::ConnectionLost);
+    scene.machine.disconnected(HaltReason::ConnectionLost);
     scene.machine.connected(false);
     scene.wanted = Wanted::default();
     scene.cycles(10.0);
-    assert_eq!((scene.uploads, scene.machine.reason()), (1, Some(Reason::StoppedByOperator)));
+    assert_eq!((scene.uploads, scene.machine.reason()), (1, Some(HaltReason::StoppedByOperator)));
 }
 
 #[test]
@@ -195,8 +202,8 @@ fn a_program_of_others_that_takes_the_place_of_ours_is_told_apart_from_a_stop_on
         }
         scene.seen.runtime_state = 1;
         scene.cycles(60.0);
-        let told = (scene.machine.reason(), scene.uploads);
-        assert_eq!(told, (Some(Reason::Replaced), 1), "{ours_is_seen_to_end} {registers_are_left}");
+        let reported = (scene.machine.reason(), scene.uploads);
+        assert_eq!(reported, (Some(HaltReason::Replaced), 1), "{ours_is_seen_to_end} {registers_are_left}");
     }
 }
 
@@ -208,9 +215,9 @@ fn a_stop_on_the_pendant_counts_in_every_phase() {
     let halts: [(&str, Halt, Halt); 5] = [
         ("slowed", |s| s.seen.speed = 0.5, |s| s.seen.speed = 1.0),
         ("paused", |s| s.seen.runtime_state = 4, |_| {}),
-        ("refused", |s| s.wanted.refused = Some(Reason::TargetJump), |s| s.wanted.refused = None),
+        ("refused", |s| s.wanted.refused = Some(HaltReason::TargetJump), |s| s.wanted.refused = None),
         ("still commanding", |s| s.seen.silence_s = 0.6, |s| s.seen.silence_s = 0.0),
-        ("waits for a leave", |s| s.wanted = Wanted::default(), |_| {}),
+        ("waits for a permit", |s| s.wanted = Wanted::default(), |_| {}),
     ];
     for (name, halt, go_on) in halts {
         let mut scene = Scene::following();
@@ -221,7 +228,7 @@ fn a_stop_on_the_pendant_counts_in_every_phase() {
         go_on(&mut scene);
         scene.wanted.commanding = false;
         scene.cycles(60.0);
-        assert_eq!(scene.machine.reason(), Some(Reason::StoppedByOperator), "{name}");
+        assert_eq!(scene.machine.reason(), Some(HaltReason::StoppedByOperator), "{name}");
         assert_eq!((scene.uploads, scene.machine.may_move()), (1, false), "{name}");
     }
     // While it begins: its speed is still coming up.
@@ -231,7 +238,7 @@ fn a_stop_on_the_pendant_counts_in_every_phase() {
     assert!(matches!(scene.machine.phase(), Phase::Starting { .. }));
     scene.seen.runtime_state = 1;
     scene.cycles(60.0);
-    assert_eq!((scene.machine.reason(), scene.uploads), (Some(Reason::StoppedByOperator), 1));
+    assert_eq!((scene.machine.reason(), scene.uploads), (Some(HaltReason::StoppedByOperator), 1));
 }
 
 #[test]
@@ -239,11 +246,11 @@ fn a_stop_on_the_pendant_outlives_a_cable_that_is_pulled_right_after() {
     let mut scene = Scene::following();
     scene.seen.runtime_state = 1;
     scene.cycles(0.1);
-    scene.machine.disconnected(Reason::ConnectionLost);
+    scene.machine.disconnected(HaltReason::ConnectionLost);
     scene.machine.connected(false);
     scene.wanted = Wanted::default();
     scene.cycles(60.0);
-    assert_eq!((scene.machine.reason(), scene.uploads), (Some(Reason::StoppedByOperator), 1));
+    assert_eq!((scene.machine.reason(), scene.uploads), (Some(HaltReason::StoppedByOperator), 1));
 }
 
 #[test]
@@ -253,7 +260,7 @@ fn an_error_told_long_before_the_end_is_not_why_the_program_ended() {
     scene.cycles(1.0);
     scene.seen.runtime_state = 1;
     scene.cycles(1.0);
-    assert_eq!(scene.machine.reason(), Some(Reason::StoppedByOperator));
+    assert_eq!(scene.machine.reason(), Some(HaltReason::StoppedByOperator));
     // Neither is one from before the arm was told to follow.
     let mut scene = Scene::following();
     scene.wanted = Wanted::default();
@@ -264,7 +271,7 @@ fn an_error_told_long_before_the_end_is_not_why_the_program_ended() {
     scene.cycles(0.1);
     scene.seen.runtime_state = 1;
     scene.cycles(1.0);
-    assert_eq!(scene.machine.reason(), Some(Reason::StoppedByOperator));
+    assert_eq!(scene.machine.reason(), Some(HaltReason::StoppedByOperator));
 }
 
 #[test]
@@ -273,7 +280,7 @@ fn a_program_that_failed_is_not_started_again() {
     scene.machine.program_failed();
     (scene.seen.runtime_state, scene.wanted.commanding) = (1, false);
     scene.cycles(5.0);
-    assert_eq!((scene.machine.reason(), scene.uploads), (Some(Reason::ProgramFailed), 1));
+    assert_eq!((scene.machine.reason(), scene.uploads), (Some(HaltReason::ProgramFailed), 1));
 }
 
 #[test]
@@ -281,7 +288,7 @@ fn a_program_that_the_watchdog_ended_is_started_again() {
     let mut scene = Scene::following();
     (scene.seen.runtime_state, scene.seen.starved) = (1, true);
     scene.cycles(1.0);
-    assert_eq!(scene.machine.reason(), Some(Reason::StoppedByWatchdog));
+    assert_eq!(scene.machine.reason(), Some(HaltReason::StoppedByWatchdog));
     scene.seen.starved = false;
     scene.wanted.commanding = false;
     scene.cycles(1.0);
@@ -290,7 +297,9 @@ fn a_program_that_the_watchdog_ended_is_started_again() {
 
 #[test]
 fn a_lost_connection_blocks_until_it_is_back_and_somebody_arms() {
-    for reason in [Reason::ConnectionLost, Reason::Unreachable, Reason::ServiceOff, Reason::InUse] {
+    for reason in
+        [HaltReason::ConnectionLost, HaltReason::Unreachable, HaltReason::ServiceOff, HaltReason::InUse]
+    {
         let mut scene = Scene::following();
         scene.machine.disconnected(reason);
         assert!(!scene.machine.may_move());
@@ -305,13 +314,14 @@ fn a_lost_connection_blocks_until_it_is_back_and_somebody_arms() {
 #[test]
 fn a_restarted_controller_waits_for_its_brakes_and_gets_the_program_again() {
     let mut scene = Scene::following();
-    scene.machine.disconnected(Reason::ConnectionLost);
+    scene.machine.disconnected(HaltReason::ConnectionLost);
     scene.machine.connected(true);
     scene.wanted.commanding = false;
-    scene.seen = Seen { robot_mode: 3, runtime_state: 1, answer: Answer::default(), ..scene.seen };
+    scene.seen =
+        Observation { robot_mode: 3, runtime_state: 1, answer: ProgramAnswer::default(), ..scene.seen };
     scene.now_s = 3.0;
     scene.cycles(1.0);
-    assert_eq!((scene.machine.reason(), scene.uploads), (Some(Reason::NotRunning), 1));
+    assert_eq!((scene.machine.reason(), scene.uploads), (Some(HaltReason::NotRunning), 1));
     scene.seen.robot_mode = 7;
     scene.cycles(1.0);
     assert_eq!((scene.machine.phase(), scene.uploads), (Phase::Ready, 2));
@@ -323,7 +333,7 @@ fn a_program_of_somebody_else_is_left_alone() {
     (scene.seen.runtime_state, scene.seen.answer.session) = (2, 1);
     (scene.seen.echoed, scene.seen.silence_s) = (false, 20.0);
     assert!(scene.cycles(20.0).iter().all(|act| *act == Act::Wait));
-    assert_eq!((scene.machine.reason(), scene.uploads), (Some(Reason::ForeignProgram), 0));
+    assert_eq!((scene.machine.reason(), scene.uploads), (Some(HaltReason::ForeignProgram), 0));
     scene.seen.runtime_state = 1;
     scene.cycle();
     (scene.seen.echoed, scene.seen.silence_s) = (true, 0.0);
@@ -340,10 +350,10 @@ fn a_program_over_registers_that_ours_left_behind_is_not_taken_for_ours() {
     assert_eq!(scene.machine.phase(), Phase::Ready);
     scene.seen.silence_s = 0.6;
     assert_eq!(scene.cycle(), Act::Wait);
-    assert_eq!((scene.machine.reason(), scene.machine.may_move()), (Some(Reason::NoAnswer), false));
+    assert_eq!((scene.machine.reason(), scene.machine.may_move()), (Some(HaltReason::NoAnswer), false));
     // The same after a connection: nothing was echoed on it.
     let mut scene = Scene::following();
-    scene.machine.disconnected(Reason::ConnectionLost);
+    scene.machine.disconnected(HaltReason::ConnectionLost);
     scene.machine.connected(false);
     scene.wanted = Wanted::default();
     (scene.seen.echoed, scene.seen.silence_s) = (false, 0.1);
@@ -351,7 +361,7 @@ fn a_program_over_registers_that_ours_left_behind_is_not_taken_for_ours() {
     assert!(!scene.machine.may_move(), "nothing shows yet whose program runs");
     scene.seen.silence_s = 0.6;
     scene.cycles(0.1);
-    assert_eq!((scene.machine.reason(), scene.machine.may_move()), (Some(Reason::NoAnswer), false));
+    assert_eq!((scene.machine.reason(), scene.machine.may_move()), (Some(HaltReason::NoAnswer), false));
     scene.arm();
     assert!(scene.cycles(1.0).iter().all(|act| *act == Act::Wait), "it is neither led nor ended");
     // An echo that moves with our counters is the proof.
@@ -375,7 +385,7 @@ fn every_upload_carries_a_token_of_its_own() {
 }
 
 #[test]
-fn the_program_of_a_bridge_that_died_is_told_to_end() {
+fn the_program_of_a_bridge_that_died_is_reported_to_end() {
     let mut scene = Scene::new();
     scene.seen.runtime_state = 2;
     scene.seen.answer.session = 4712;
@@ -391,8 +401,8 @@ fn under_a_daemon_with_other_settings_nothing_moves() {
     scene.machine.settings_agree(Some(false));
     scene.arm();
     assert!(scene.cycles(5.0).iter().all(|act| *act == Act::Wait));
-    assert_eq!((scene.machine.reason(), scene.machine.may_move()), (Some(Reason::OtherSettings), false));
-    // A new daemon of which nothing is known yet takes the leave back before its commands are obeyed.
+    assert_eq!((scene.machine.reason(), scene.machine.may_move()), (Some(HaltReason::OtherSettings), false));
+    // A new daemon of which nothing is known yet takes the permit back before its commands are obeyed.
     let mut scene = Scene::following();
     scene.machine.settings_agree(None);
     scene.arm();
@@ -410,7 +420,7 @@ fn in_local_control_nothing_is_sent_and_what_runs_goes_on() {
     let mut scene = Scene::new();
     scene.machine.remote_control(Some(false));
     scene.cycles(5.0);
-    assert_eq!((scene.machine.reason(), scene.uploads), (Some(Reason::LocalControl), 0));
+    assert_eq!((scene.machine.reason(), scene.uploads), (Some(HaltReason::LocalControl), 0));
     scene.machine.remote_control(Some(true));
     scene.cycles(1.0);
     assert_eq!((scene.machine.phase(), scene.uploads), (Phase::Ready, 1));
@@ -428,7 +438,7 @@ fn a_program_that_does_not_start_is_sent_again_after_a_while() {
         uploads += usize::from(scene.cycle() == Act::Upload);
         scene.seen = deaf;
     }
-    assert_eq!(scene.machine.reason(), Some(Reason::DidNotStart));
+    assert_eq!(scene.machine.reason(), Some(HaltReason::DidNotStart));
     assert!((2..=4).contains(&uploads), "{uploads}");
 }
 
@@ -446,34 +456,24 @@ fn a_speed_that_comes_up_with_the_program_is_no_slow_arm() {
     let mut scene = Scene::new();
     scene.seen.speed = 0.5;
     scene.cycles(3.0);
-    assert_eq!((scene.machine.reason(), scene.machine.may_move()), (Some(Reason::Slowed), false));
-}
-
-#[test]
-fn the_leave_ends_a_second_after_the_commands() {
-    let mut scene = Scene::following();
-    scene.wanted.commanding = false;
-    assert!(scene.cycles(0.9).iter().all(|act| matches!(act, Act::Follow(_))));
-    scene.cycles(0.3);
-    assert_eq!(scene.machine.phase(), Phase::Ready);
-    assert!(scene.machine.may_move());
+    assert_eq!((scene.machine.reason(), scene.machine.may_move()), (Some(HaltReason::Slowed), false));
 }
 
 #[test]
 fn a_pen_too_low_needs_a_new_bridge() {
     let mut scene = Scene::following();
-    scene.wanted.refused = Some(Reason::Uncalibrated);
+    scene.wanted.refused = Some(HaltReason::Uncalibrated);
     assert_eq!(scene.cycle(), Act::Wait);
     scene.wanted = Wanted::default();
     scene.cycles(5.0);
     scene.arm();
     assert!(scene.cycles(1.0).iter().all(|act| *act == Act::Wait));
-    assert_eq!(scene.machine.reason(), Some(Reason::Uncalibrated));
+    assert_eq!(scene.machine.reason(), Some(HaltReason::Uncalibrated));
 }
 
 proptest! {
     #[test]
-    fn whatever_is_seen_a_leave_is_given_only_after_a_beginning(
+    fn whatever_is_seen_a_permit_is_given_only_after_a_beginning(
         rows in proptest::collection::vec((0usize..=ROWS.len(), any::<bool>(), 1usize..60), 1..40)
     ) {
         let mut scene = Scene::new();
@@ -481,7 +481,7 @@ proptest! {
         let mut following = false;
         for (row, begins, cycles) in rows {
             let (runtime_state, answer) = (scene.seen.runtime_state, scene.seen.answer);
-            scene.seen = Seen { runtime_state, answer, ..healthy };
+            scene.seen = Observation { runtime_state, answer, ..healthy };
             if let Some((_, spoil, _)) = ROWS.get(row) {
                 spoil(&mut scene);
             }

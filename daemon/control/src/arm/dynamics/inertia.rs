@@ -8,7 +8,7 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 use thiserror::Error;
 use urdf_rs::{Inertial, Robot};
 
-use crate::arm::bodies::Place;
+use crate::arm::bodies::LinkPose;
 
 /// Why the torques of an arm cannot be computed.
 #[derive(Debug, Clone, PartialEq, Error)]
@@ -16,7 +16,7 @@ pub enum DynamicsError {
     /// A moving link, with all that is fixed to it, has no mass.
     #[error("no link that joint `{joint}` moves before the next joint has an <inertial> with a mass")]
     Weightless {
-        /// Joint name.
+        /// Name of the joint in the description.
         joint: String,
     },
     /// A mass below 0, a tensor that no body has, or a number that is not finite.
@@ -24,9 +24,9 @@ pub enum DynamicsError {
         "link `{link}`: its <inertial> is not that of a body: {what}; correct the description, or remove it"
     )]
     Inertial {
-        /// Link name.
+        /// Name of the link in the description.
         link: String,
-        /// What was wrong.
+        /// What is wrong with it, as in the message.
         what: &'static str,
     },
     /// The payload is not that of a body.
@@ -49,7 +49,7 @@ pub struct Payload {
 }
 
 impl Payload {
-    /// Nothing.
+    /// Nothing is carried: no mass.
     pub const NONE: Self = Self { mass: 0.0, centre: [0.0; 3] };
 }
 
@@ -111,17 +111,17 @@ fn steiner(mass: f64, centre: &Vector3<f64>) -> Matrix3<f64> {
 /// frame as the URDF has it.
 pub(in crate::arm) fn inertias(
     robot: &Robot,
-    places: &[Place<'_>],
+    poses: &[LinkPose<'_>],
     joints: usize,
 ) -> Result<Vec<Inertia>, DynamicsError> {
     let mut bodies = vec![Inertia::none(); joints];
-    for place in places {
+    for pose in poses {
         // The base does not move.
-        let Some(body) = place.link.checked_sub(1).and_then(|joint| bodies.get_mut(joint)) else { continue };
-        let Some(link) = robot.links.iter().find(|link| link.name == place.name) else { continue };
+        let Some(body) = pose.link.checked_sub(1).and_then(|joint| bodies.get_mut(joint)) else { continue };
+        let Some(link) = robot.links.iter().find(|link| link.name == pose.name) else { continue };
         let own = inertial(&link.inertial)
             .map_err(|what| DynamicsError::Inertial { link: link.name.clone(), what })?;
-        *body = body.plus(&own.seen_from(&place.rotation, &place.translation));
+        *body = body.plus(&own.seen_from(&pose.rotation, &pose.translation));
     }
     Ok(bodies)
 }

@@ -13,7 +13,7 @@ use nalgebra::{Matrix3, SMatrix, Vector3};
 pub use inertia::{DynamicsError, Payload};
 pub(in crate::arm) use inertia::{Inertia, inertias};
 
-use crate::arm::chain::Link;
+use crate::arm::chain::JointFrame;
 use crate::arm::sincos::sin_cos;
 
 /// Standard gravity \[m/s²\] (CGPM 1901).
@@ -22,7 +22,7 @@ pub const GRAVITY_MPS2: f64 = 9.806_65;
 /// The masses of an arm with J joints, and where they are.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Dynamics<const J: usize> {
-    links: [Link; J],
+    links: [JointFrame; J],
     /// What moves with each joint, in the joint's frame, whose z is its axis.
     bodies: [Inertia; J],
 }
@@ -57,7 +57,7 @@ impl<const J: usize> Dynamics<J> {
     ///
     /// A payload that no body has, or a joint (by `names`) that moves no mass.
     pub(in crate::arm) fn new(
-        links: [Link; J],
+        links: [JointFrame; J],
         bodies: [Inertia; J],
         names: &[String; J],
         tip: (&Matrix3<f64>, &Vector3<f64>),
@@ -79,7 +79,7 @@ impl<const J: usize> Dynamics<J> {
 
     /// An arm whose links weigh nothing: what `payload` alone asks.
     pub(in crate::arm) fn alone(
-        links: [Link; J],
+        links: [JointFrame; J],
         tip: (&Matrix3<f64>, &Vector3<f64>),
         payload: &Payload,
     ) -> Self {
@@ -141,8 +141,8 @@ impl<const J: usize> Dynamics<J> {
             let z = Vector3::z();
             let mut wrench = Wrench { force: z.cross(&composite.moment), moment: composite.tensor * z };
             for (j, step) in steps.iter().enumerate().take(i + 1).rev() {
-                for place in [(i, j), (j, i)] {
-                    if let Some(entry) = matrix.get_mut(place) {
+                for index in [(i, j), (j, i)] {
+                    if let Some(entry) = matrix.get_mut(index) {
                         *entry = wrench.moment.z;
                     }
                 }

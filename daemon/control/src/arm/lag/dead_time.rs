@@ -14,7 +14,7 @@ const APPROACH_S: f64 = 0.5;
 /// Whether the dead time follows the measured lag.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Following {
-    /// Constant.
+    /// The dead time stays as configured.
     Fixed,
     /// Follows the measured lag.
     Measured {
@@ -46,7 +46,7 @@ pub enum Aim {
     GroupDelay,
 }
 
-/// τ.
+/// τ, and what it follows.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DeadTime {
     following: Following,

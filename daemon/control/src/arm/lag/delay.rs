@@ -46,24 +46,24 @@ pub(super) struct DelayFit<const J: usize> {
     filters: Option<[Band<J, LENGTH>; 2]>,
     /// Instants since the filters began.
     age: usize,
-    /// Newest first.
+    /// Newest first, one per grid step.
     commanded: [[f64; J]; HISTORY],
     measured: [[f64; J]; STENCIL],
     weight: f64,
     gram: Matrix3<f64>,
-    fits: [Fit; DELAYS],
+    fits: [DelayMoments; DELAYS],
 }
 
 state! { [const J: usize] DelayFit<J> { filters, age, commanded, measured, weight, gram, fits } }
 
 /// One candidate delay: Σ φ y and Σ y², y = c − m.
 #[derive(Debug, Clone, Copy)]
-struct Fit {
+struct DelayMoments {
     moment: Vector3<f64>,
     square: f64,
 }
 
-state! { [] Fit { moment, square } }
+state! { [] DelayMoments { moment, square } }
 
 impl<const J: usize> DelayFit<J> {
     pub(super) fn new() -> Self {
@@ -74,7 +74,7 @@ impl<const J: usize> DelayFit<J> {
             measured: [[0.0; J]; STENCIL],
             weight: 0.0,
             gram: Matrix3::zeros(),
-            fits: [Fit { moment: Vector3::zeros(), square: 0.0 }; DELAYS],
+            fits: [DelayMoments { moment: Vector3::zeros(), square: 0.0 }; DELAYS],
         }
     }
 
@@ -131,7 +131,7 @@ impl<const J: usize> DelayFit<J> {
         let mut gram = self.gram;
         gram.set_diagonal(&(gram.diagonal() * (1.0 + RIDGE)));
         let inverse = gram.cholesky()?.inverse();
-        let residual = |fit: &Fit| (fit.square - fit.moment.dot(&(inverse * fit.moment))).max(0.0);
+        let residual = |fit: &DelayMoments| (fit.square - fit.moment.dot(&(inverse * fit.moment))).max(0.0);
         let (index, fit) =
             self.fits.iter().enumerate().min_by(|a, b| residual(a.1).total_cmp(&residual(b.1)))?;
         let delay = (index * DELAY_STEPS) as f64 + (inverse * fit.moment).x;

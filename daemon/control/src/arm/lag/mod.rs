@@ -25,7 +25,7 @@ use crate::state::state;
 pub use dead_time::{Aim, DeadTime, Following};
 
 use crate::arm::response::{Expected, Response, Shape};
-use crate::arm::track::{GRID_S, Track};
+use crate::arm::track::{GRID_S, JointTrack};
 use crate::units::Stamp;
 use delay::DelayFit;
 use shift::{CANDIDATES, EARLIEST, ShiftBank};
@@ -67,8 +67,8 @@ state! { whole [] LagEstimate { lag_s, std_s, shift_s } }
 /// Estimates the lag of an arm of `J` joints.
 #[derive(Debug, Clone)]
 pub struct LagEstimator<const J: usize> {
-    commands: Track<J>,
-    joints: Track<J>,
+    commands: JointTrack<J>,
+    joints: JointTrack<J>,
     shift: ShiftBank<J>,
     delay: DelayFit<J>,
     response: Response<J>,
@@ -87,12 +87,12 @@ state! {
 }
 
 impl<const J: usize> LagEstimator<J> {
-    /// Without evidence.
+    /// Without evidence: no estimate yet.
     #[must_use]
     pub fn new() -> Self {
         Self {
-            commands: Track::new(),
-            joints: Track::new(),
+            commands: JointTrack::new(),
+            joints: JointTrack::new(),
             shift: ShiftBank::new(),
             delay: DelayFit::new(),
             response: Response::new(),

@@ -42,14 +42,14 @@ const RIDGE: f64 = 1e-5;
 
 /// Sums of one joint: of (ṁ², ṁm̈, m̈²), and per delay of (ṁy, m̈y, y²) with y = c(t − d) − m.
 #[derive(Debug, Clone, Copy)]
-struct Sums {
+struct JointSums {
     gram: [f64; 3],
     fits: [[f64; 3]; DELAYS],
 }
 
-state! { [] Sums { gram, fits } }
+state! { [] JointSums { gram, fits } }
 
-impl Sums {
+impl JointSums {
     const NONE: Self = Self { gram: [0.0; 3], fits: [[0.0; 3]; DELAYS] };
 
     fn scale(&mut self, keep: f64) {
@@ -60,7 +60,7 @@ impl Sums {
 
 /// A response, and how well it fits.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Found {
+pub(super) struct FittedResponse {
     pub(super) shape: Delayed,
     /// Residual of the joints that agree, root of the mean square \[rad\].
     pub(super) residual_rad: f64,
@@ -68,33 +68,32 @@ pub(super) struct Found {
     cost: f64,
 }
 
-state! { whole [] Found { shape, residual_rad, cost } }
+state! { whole [] FittedResponse { shape, residual_rad, cost } }
 
-/// Filters and sums.
 #[derive(Debug, Clone)]
-pub(super) struct Fit<const J: usize> {
+pub(super) struct ResponseFit<const J: usize> {
     filters: Option<[Band<J, LENGTH>; 2]>,
     /// Grid steps since the filters began.
     age: usize,
-    /// Newest first.
+    /// Newest first, one per grid step.
     commanded: [[f64; J]; HISTORY],
     measured: [[f64; J]; STENCIL],
     /// Weight of everything that is remembered \[grid steps\].
     weight: f64,
-    sums: [Sums; J],
+    sums: [JointSums; J],
     /// Next delay of the sweep, its best so far, and that of the sweep before.
     next: usize,
-    candidate: Option<Found>,
-    best: Option<Found>,
+    candidate: Option<FittedResponse>,
+    best: Option<FittedResponse>,
 }
 
 state! {
-    [const J: usize] Fit<J> {
+    [const J: usize] ResponseFit<J> {
         filters, age, commanded, measured, weight, sums, next, candidate, best,
     }
 }
 
-impl<const J: usize> Fit<J> {
+impl<const J: usize> ResponseFit<J> {
     pub(super) fn new() -> Self {
         Self {
             filters: None,
@@ -102,7 +101,7 @@ impl<const J: usize> Fit<J> {
             commanded: [[0.0; J]; HISTORY],
             measured: [[0.0; J]; STENCIL],
             weight: 0.0,
-            sums: [Sums::NONE; J],
+            sums: [JointSums::NONE; J],
             next: 0,
             candidate: None,
             best: None,
@@ -117,7 +116,7 @@ impl<const J: usize> Fit<J> {
     }
 
     /// The response, once there was enough motion.
-    pub(super) fn best(&self) -> Option<&Found> {
+    pub(super) fn best(&self) -> Option<&FittedResponse> {
         self.best.as_ref()
     }
 
@@ -184,7 +183,7 @@ impl<const J: usize> Fit<J> {
     }
 
     /// The cheapest set of joints at candidate delay `index`.
-    fn cheapest(&self, index: usize) -> Option<Found> {
+    fn cheapest(&self, index: usize) -> Option<FittedResponse> {
         let mut all = Equations::default();
         for sums in &self.sums {
             all.add(sums, index, 1.0);
@@ -212,7 +211,7 @@ impl<const J: usize> Fit<J> {
         }
         let (cost, [a1, a2], residual_rad) = best?;
         let shape = Delayed { delay: index * DELAY_STEPS, servo: SecondOrder::new(a1, a2) };
-        Some(Found { shape, residual_rad, cost })
+        Some(FittedResponse { shape, residual_rad, cost })
     }
 }
 
@@ -224,7 +223,7 @@ struct Equations {
 }
 
 impl Equations {
-    fn add(&mut self, sums: &Sums, index: usize, sign: f64) {
+    fn add(&mut self, sums: &JointSums, index: usize, sign: f64) {
         let fit = sums.fits.get(index).copied().unwrap_or_default();
         self.gram.iter_mut().zip(sums.gram).for_each(|(sum, one)| *sum += sign * one);
         self.fit.iter_mut().zip(fit).for_each(|(sum, one)| *sum += sign * one);

@@ -10,11 +10,11 @@
 mod fit;
 mod servo;
 
-use crate::arm::track::{GRID_NS, GRID_S, Track};
+use crate::arm::track::{GRID_NS, GRID_S, JointTrack};
 use crate::state::state;
 use crate::units::Stamp;
 
-use fit::Fit;
+use fit::ResponseFit;
 pub(crate) use servo::SecondOrder;
 
 /// Grid steps until what a servo did before the commands that are kept has died out.
@@ -23,7 +23,7 @@ const SETTLING: u64 = 24;
 /// Where the arm's own response to the commands has the joints, and where they were measured, at one instant.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Expected<const J: usize> {
-    /// The instant.
+    /// Instant of the grid that it is about.
     pub stamp: Stamp,
     /// Expected positions \[rad\] and velocities \[rad/s\].
     pub q: [f64; J],
@@ -59,16 +59,15 @@ impl Shape {
 /// Estimates the response of an arm of `J` joints.
 #[derive(Debug, Clone)]
 pub(in crate::arm) struct Response<const J: usize> {
-    fit: Fit<J>,
+    fit: ResponseFit<J>,
     expected: Option<Expected<J>>,
 }
 
 state! { [const J: usize] Response<J> { fit, expected } }
 
 impl<const J: usize> Response<J> {
-    /// Without evidence.
     pub(in crate::arm) fn new() -> Self {
-        Self { fit: Fit::new(), expected: None }
+        Self { fit: ResponseFit::new(), expected: None }
     }
 
     /// A gap in commands or joint states; `keep`: the share of the evidence that remains.
@@ -79,7 +78,7 @@ impl<const J: usize> Response<J> {
 
     /// The joints were `measured` at grid index `k`; `motion` in \[0, 1\]: how much the arm was asked to
     /// move.
-    pub(in crate::arm) fn add(&mut self, k: u64, measured: &[f64; J], commands: &Track<J>, motion: f64) {
+    pub(in crate::arm) fn add(&mut self, k: u64, measured: &[f64; J], commands: &JointTrack<J>, motion: f64) {
         let Some(commanded) = commands.at(k) else { return };
         self.fit.add(measured, commanded, motion);
         self.expected = self.fit.best().and_then(|found| {
@@ -99,8 +98,8 @@ impl<const J: usize> Response<J> {
     /// while they passed. The first few are left out where the commands go back farther than is kept.
     pub(in crate::arm) fn past(
         &self,
-        commands: &Track<J>,
-        joints: &Track<J>,
+        commands: &JointTrack<J>,
+        joints: &JointTrack<J>,
         mut visit: impl FnMut(&Expected<J>),
     ) {
         let (Some(found), Some(newest)) = (self.fit.best(), self.expected.as_ref()) else { return };

@@ -3,7 +3,7 @@
 //! Contract: y + a₁ẏ + a₂ÿ = u. In the frame that follows the ramp at its steady distance a₁u̇ the motion is
 //! homogeneous; its transition matrix is the exponential in closed form. Pure, total for finite a₁, a₂.
 
-use crate::arm::track::Track;
+use crate::arm::track::JointTrack;
 use crate::state::state;
 
 /// The least a₂, in units of the step: a time constant of a fifth of it, which has died out after one.
@@ -70,7 +70,11 @@ state! { whole [] Delayed { delay, servo } }
 impl Delayed {
     /// Positions \[rad\] and velocities \[rad per grid step\] at grid index `k`, of joints that stood, or
     /// went on as they did, before the commands that are kept.
-    pub(super) fn after<const J: usize>(&self, commands: &Track<J>, k: u64) -> Option<([f64; J], [f64; J])> {
+    pub(super) fn after<const J: usize>(
+        &self,
+        commands: &JointTrack<J>,
+        k: u64,
+    ) -> Option<([f64; J], [f64; J])> {
         let mut newest = None;
         self.each(commands, k, |_, joints| newest = Some(*joints));
         newest.map(|joints| (joints.map(|[y, _]| y), joints.map(|[_, yd]| yd)))
@@ -79,7 +83,7 @@ impl Delayed {
     /// Position and velocity of each joint at every grid index from the first that is known to `k`.
     pub(super) fn each<const J: usize>(
         &self,
-        commands: &Track<J>,
+        commands: &JointTrack<J>,
         k: u64,
         mut visit: impl FnMut(u64, &[[f64; 2]; J]),
     ) {

@@ -41,7 +41,7 @@ impl Arm {
 
 /// Shape found after 6 s, and the largest error of what was expected of a joint in the last three.
 fn found(mut arm: Arm, odd: impl Fn(usize, f64) -> f64) -> (Shape, f64) {
-    let (mut commands, mut joints, mut response) = (Track::new(), Track::new(), Response::new());
+    let (mut commands, mut joints, mut response) = (JointTrack::new(), JointTrack::new(), Response::new());
     let mut worst = 0.0_f64;
     for tick in 1..=3000_u64 {
         let (stamp, t) = (Stamp(tick * TICK_NS), tick as f64 * 2e-3);
@@ -77,7 +77,7 @@ fn delay_and_damping_are_those_of_the_arm() {
         let (shape, worst) = found(Arm::new(delay_s, group_s, damping), |_, q| q);
         let lag_s = shape.delay_s + shape.servo_s;
         assert!((lag_s - delay_s - group_s).abs() < 2e-3, "{delay_s} {group_s} {damping}: {shape:?}");
-        // A servo faster than the grid, or behind a delay that is no candidate, has the place of both.
+        // A servo faster than the grid, or behind a delay that is no candidate, stands for both.
         let shows = group_s > 0.02 && (delay_s == 0.0 || delay_s == 0.1);
         assert!(!shows || (shape.damping() - damping).abs() < 0.1, "{damping}: {shape:?}");
         assert!(worst < 2e-3, "{delay_s} {group_s} {damping}: {worst} rad off");
@@ -106,13 +106,13 @@ fn odd_joints_do_not_explain_themselves() {
 
 #[test]
 fn nothing_is_known_without_motion_or_after_a_break() {
-    let (mut commands, mut response) = (Track::<2>::new(), Response::<2>::new());
+    let (mut commands, mut response) = (JointTrack::<2>::new(), Response::<2>::new());
     for k in 1..400_u64 {
         commands.push(Stamp(k * GRID_NS), &[0.3, -0.4]);
         response.add(k.saturating_sub(1), &[0.3, -0.4], &commands, 0.0);
         assert_eq!((response.expected(), response.shape()), (None, None));
     }
-    // Both joints swing as they are told.
+    // Both joints swing as commanded.
     for k in 400..600_u64 {
         let q = [0.3 + 0.1 * (0.1 * k as f64).sin(), -0.4 + 0.1 * (0.13 * k as f64).sin()];
         commands.push(Stamp(k * GRID_NS), &q);

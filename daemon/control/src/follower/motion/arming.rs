@@ -34,7 +34,7 @@ impl Arming {
     /// # Errors
     ///
     /// The arm may not be armed there.
-    pub(super) fn place<const J: usize>(
+    pub(super) fn pose<const J: usize>(
         &self,
         limits: &JointLimits<J>,
         chain: &Chain<J>,
@@ -67,6 +67,6 @@ impl<const J: usize> FollowerSettings<J> {
     /// # Errors
     /// [`Refusal::OutsideJointLimits`], [`Refusal::ToolOutsideWorkspace`] or [`Refusal::ToolNotAligned`].
     pub fn may_arm_at(&self, q: &[f64; J]) -> Result<(), Refusal> {
-        Arming::new(self).place(&self.limits, &self.chain, q).map(drop)
+        Arming::new(self).pose(&self.limits, &self.chain, q).map(drop)
     }
 }

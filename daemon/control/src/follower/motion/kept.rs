@@ -8,6 +8,8 @@
 //! Contract: total; a stop never waits for its path. Once the joints by themselves would have been at rest
 //! for [`ENDS_S`] the path is let go of, and the stop ends joint by joint.
 
+#![expect(clippy::indexing_slicing, reason = "indices run over the joints, the length of every array")]
+
 use nalgebra::Vector3;
 
 use super::Mover;
@@ -93,11 +95,8 @@ impl<const J: usize> KeptPath<J> {
         if StopProfile::is_done(&self.alone) {
             self.over_s += h;
         }
-        let mut after = JointMotion { qd, ..before };
-        for (((q, qdd), qd), was) in after.q.iter_mut().zip(&mut after.qdd).zip(&qd).zip(&before.qd) {
-            *q += qd * h;
-            *qdd = (qd - was) / h;
-        }
+        let q = std::array::from_fn(|j| before.q[j] + qd[j] * h);
+        let after = JointMotion { q, qd, qdd: std::array::from_fn(|j| (qd[j] - before.qd[j]) / h) };
         self.alone = Commanded::new(reach, after).unwrap_or(self.alone);
     }
 }

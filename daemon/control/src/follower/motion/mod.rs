@@ -23,9 +23,9 @@ pub(super) use setup::paced;
 use setup::{comes_to_rest, inverse_kinematics, planner};
 
 use super::Budget;
-use super::io::{Health, JointCommand, PreviewPath, Rung, Stage, StageClock};
+use super::io::{Health, JointCommand, Mode, PreviewPath, Rung, Stage, StageClock};
 use super::settings::{FollowerError, FollowerSettings};
-use crate::arm::servo::Servo;
+use crate::arm::servo::ServoModel;
 use crate::arm::{Chain, Kinematics};
 use crate::guard::{Commanded, Guard, StopProfile};
 use crate::ik::{Ik, IkReport};
@@ -40,8 +40,7 @@ const MOVING_MPS: f64 = 0.05;
 
 /// What the arm is to do in a tick.
 #[derive(Debug, Clone)]
-pub(super) enum Wanted<const N: usize> {
-    /// Follow the pen.
+pub(super) enum MotionGoal<const N: usize> {
     Follow {
         /// Newest pen sample, plane frame.
         pen: PenReading,
@@ -51,6 +50,8 @@ pub(super) enum Wanted<const N: usize> {
         preview: Option<[[AxisState; N]; 2]>,
         /// How much of the preview to use.
         trust: Trust,
+        /// Speed limit of the references \[m/s\], for an arm that is slow.
+        pace_mps: Option<f64>,
     },
     /// Come to rest, and stay there.
     Stop,
@@ -58,9 +59,48 @@ pub(super) enum Wanted<const N: usize> {
     Home,
 }
 
+impl<const N: usize> MotionGoal<N> {
+    /// What `mode` asks for, with the `pen` and its references; `None` while the arm is not to be moved.
+    pub(super) fn of(
+        mode: Mode,
+        pen: Option<PenReading>,
+        preview: impl FnOnce() -> Option<[[AxisState; N]; 2]>,
+        trust: Trust,
+        pace_mps: Option<f64>,
+    ) -> Option<Self> {
+        match mode {
+            Mode::Idle => None,
+            Mode::Homing => Some(Self::Home),
+            Mode::Armed | Mode::Stopped | Mode::Fault => Some(Self::Stop),
+            Mode::Following | Mode::Holding => {
+                let holding = mode == Mode::Holding;
+                Some(Self::Follow { pen: pen?, holding, preview: preview(), trust, pace_mps })
+            }
+        }
+    }
+
+    /// The pen is to be followed.
+    pub(super) const fn follows(&self) -> bool {
+        matches!(self, Self::Follow { .. })
+    }
+}
+
+/// What passed between the last tick and this one.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Gap<const J: usize> {
+    /// Nominal release time of this tick.
+    pub(super) now: Stamp,
+    /// Time without ticks before it \[ns\].
+    pub(super) lost_ns: u64,
+    /// Joints \[rad\] and tool \[m\], plane frame, that consumers were carried to meanwhile.
+    pub(super) carried: Option<([f64; J], [f64; 3])>,
+    /// The command that begins where the arm stands was not sent.
+    pub(super) begins: bool,
+}
+
 /// What the motion of one tick came to.
-#[derive(Debug, Clone)]
-pub(super) struct Moved<const J: usize> {
+#[derive(Debug, Clone, Default)]
+pub(super) struct MotionReport<const J: usize> {
     pub(super) command: Option<JointCommand<J>>,
     pub(super) rung: Rung,
     pub(super) at_rest: bool,
@@ -82,7 +122,7 @@ pub(super) struct Moved<const J: usize> {
 }
 
 /// The plan's tool state at the end of the period.
-struct Planned {
+struct PlannedStep {
     /// First reference of the plan \[m\], plane frame.
     reference: [f64; 3],
     path: PreviewPath,
@@ -92,7 +132,7 @@ struct Planned {
 }
 
 /// The joint velocities for it.
-struct Solved<const J: usize> {
+struct JointStep<const J: usize> {
     /// Joint velocities over the period \[rad/s\].
     qd: [f64; J],
     /// They follow the plan or the way home; else they are the next step of a stop.
@@ -118,7 +158,7 @@ pub(super) struct Mover<const N: usize, const J: usize> {
     guard: Guard<J>,
     stop: StopProfile<J>,
     homing: Box<Homing<J>>,
-    held: Option<Held<J>>,
+    held: Option<CommandedArm<J>>,
     /// What the stop that goes on keeps; `None`: no stop goes on.
     kept: Option<KeptPath<J>>,
     /// Stamp of the newest command; stamps never decrease, not even across an arming.
@@ -127,7 +167,7 @@ pub(super) struct Mover<const N: usize, const J: usize> {
     /// Commanded tool state in the plane frame: x₀ of the plan.
     tool: [AxisState; 3],
     /// Model of the arm's servo, if it is a filter, and the modelled tool state of the arm.
-    servo: Option<Servo>,
+    servo: Option<ServoModel>,
     arm: [AxisState; 3],
     plan: Plan<N>,
     /// When `plan` begins; `None` while there is none to fall back to.
@@ -136,8 +176,6 @@ pub(super) struct Mover<const N: usize, const J: usize> {
     bent: bool,
     /// Fraction of full reach that a plan is asked for.
     reach: f64,
-    /// Speed limit of the references \[m/s\], for an arm that is slow.
-    pub(super) pace_mps: Option<f64>,
     /// The tool has not come near the pen, or has lost it, and stays lifted.
     approaching: bool,
     height: f64,
@@ -145,8 +183,8 @@ pub(super) struct Mover<const N: usize, const J: usize> {
 
 state! {
     [const N: usize, const J: usize] Mover<N, J> {
-        mpc, ik, homing, held, kept, issued, reports, tool, arm, plan, plan_start, bent, reach, pace_mps,
-        approaching, height,
+        mpc, ik, homing, held, kept, issued, reports, tool, arm, plan, plan_start, bent, reach, approaching,
+        height,
     }
     fixed {
         period_ns, period_s, valid_ns, previous_plan_max_ns, approach_distance, limits, arming, plane,
@@ -156,35 +194,35 @@ state! {
 
 /// The last command, and where it puts the arm.
 #[derive(Debug, Clone)]
-struct Held<const J: usize> {
+struct CommandedArm<const J: usize> {
     command: Commanded<J>,
     valid_until: Stamp,
     kinematics: Kinematics<J>,
     /// What the last step made, and what consumers have for sure: the one before until that one was sent.
-    made: Offer<J>,
-    sent: Offer<J>,
+    made: SentCommand<J>,
+    sent: SentCommand<J>,
     /// Nothing was sent since the arm was taken over.
     fresh: bool,
 }
 
-state! { whole [const J: usize] Held<J> { command, valid_until, kinematics, made, sent, fresh } }
+state! { whole [const J: usize] CommandedArm<J> { command, valid_until, kinematics, made, sent, fresh } }
 
-impl<const J: usize> Held<J> {
+impl<const J: usize> CommandedArm<J> {
     /// An arm that is taken over.
     const fn new(command: Commanded<J>, valid_until: Stamp, kinematics: Kinematics<J>) -> Self {
-        let made = Offer { command, valid_until };
+        let made = SentCommand { command, valid_until };
         Self { command, valid_until, kinematics, made, sent: made, fresh: true }
     }
 }
 
 /// A command as it leaves a step.
 #[derive(Debug, Clone, Copy)]
-struct Offer<const J: usize> {
+struct SentCommand<const J: usize> {
     command: Commanded<J>,
     valid_until: Stamp,
 }
 
-state! { whole [const J: usize] Offer<J> { command, valid_until } }
+state! { whole [const J: usize] SentCommand<J> { command, valid_until } }
 
 /// Evidence of the last solves, repeated where a tick solved nothing.
 #[derive(Debug, Clone, Copy, Default)]
@@ -226,13 +264,12 @@ impl<const N: usize, const J: usize> Mover<N, J> {
             issued: Stamp(0),
             reports: Reports::default(),
             tool: [AxisState::default(); 3],
-            servo: Servo::new(settings.servo_ns()),
+            servo: ServoModel::new(settings.servo_ns()),
             arm: [AxisState::default(); 3],
             plan: Plan::resting(settings.mpc.step_s),
             plan_start: None,
             bent: false,
             reach: 1.0,
-            pace_mps: None,
             approaching: true,
             height: settings.plane.lift_height,
         })
@@ -247,11 +284,11 @@ impl<const N: usize, const J: usize> Mover<N, J> {
     /// is really published, so that nothing winds up.
     pub(super) fn advance(
         &mut self,
-        wanted: Option<&Wanted<N>>,
+        wanted: Option<&MotionGoal<N>>,
         budget: Budget,
         health: &mut Health,
         clock: &mut impl StageClock,
-    ) -> Moved<J> {
+    ) -> MotionReport<J> {
         let (Some(held), Some(wanted)) = (&self.held, wanted) else { return self.nothing(clock) };
         let start = held.command.stamp();
         if budget.shed {
@@ -271,7 +308,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
 
         let (at_rest, tool) = (self.at_rest(), self.commanded_tool());
         let breach = self.breach((tool - from).norm() / self.period_s);
-        Moved {
+        MotionReport {
             command: self.held.as_ref().map(|held| JointCommand {
                 stamp: held.command.stamp(),
                 valid_until: held.valid_until,
@@ -297,7 +334,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
 
     /// Whether joints, acceleration or speed are saturated in this tick; `None` unless the tool follows a
     /// fresh plan in motion.
-    fn at_limit(&self, limited: bool, planned: &Planned, rung: Rung) -> Option<bool> {
+    fn at_limit(&self, limited: bool, planned: &PlannedStep, rung: Rung) -> Option<bool> {
         let moving = self.tool.iter().take(2).any(|axis| axis.velocity.abs() > MOVING_MPS);
         // A saturated jerk is normal for an aggressive plan and costs little; the workspace is no weakness of
         // the arm.
@@ -312,24 +349,10 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         envelope.judge(&envelope.figures(&held.kinematics, speed))
     }
 
-    fn nothing(&self, clock: &mut impl StageClock) -> Moved<J> {
+    fn nothing(&self, clock: &mut impl StageClock) -> MotionReport<J> {
         clock.lap(Stage::Mpc);
         clock.lap(Stage::Ik);
-        Moved {
-            command: None,
-            rung: Rung::Hold,
-            at_rest: true,
-            reference: [0.0; 3],
-            path: PreviewPath::default(),
-            setpoint: [AxisState::default(); 3],
-            tool: [0.0; 3],
-            axes: self.reports.axes,
-            ik: self.reports.ik,
-            guard_altered: 0,
-            breach: None,
-            follows: false,
-            at_limit: None,
-            home: HomeNews::None,
-        }
+        let Reports { axes, ik } = self.reports;
+        MotionReport { rung: Rung::Hold, at_rest: true, axes, ik, ..MotionReport::default() }
     }
 }

@@ -1,11 +1,12 @@
 //! The tool state at the end of the period: from a fresh plan, else from the previous one, always such that
 //! the tool can still stop inside the workspace.
 
-use super::{Mover, Planned, Wanted};
+use super::references::PlanGoal;
+use super::{MotionGoal, Mover, PlannedStep};
 use crate::follower::Budget;
 use crate::follower::io::{Health, PreviewPath, Rung};
 use crate::mpc::{PlanReport, Start};
-use crate::units::{AxisState, Stamp, Trust};
+use crate::units::{AxisState, Stamp};
 
 /// A tool outside the workspace by less than this \[m\] counts as inside: rounding.
 const OUTSIDE_M: f64 = 1e-9;
@@ -19,33 +20,32 @@ impl<const N: usize, const J: usize> Mover<N, J> {
     pub(super) fn plan(
         &mut self,
         start: Stamp,
-        wanted: &Wanted<N>,
+        wanted: &MotionGoal<N>,
         budget: Budget,
         health: &mut Health,
-    ) -> Planned {
-        let Wanted::Follow { pen, holding, preview, trust } = wanted else {
+    ) -> PlannedStep {
+        let MotionGoal::Follow { pen, holding, preview, trust, pace_mps } = wanted else {
             let reference = self.tool.map(|axis| axis.position);
-            return Planned { reference, path: PreviewPath::default(), next: None, rung: Rung::Stop };
+            return PlannedStep { reference, path: PreviewPath::default(), next: None, rung: Rung::Stop };
         };
         let path = preview.as_ref().map_or_else(PreviewPath::default, |[xs, ys]| PreviewPath::of(xs, ys));
-        let (references, conservative, trust) = self.references(pen, *holding, preview, *trust);
-        let reference = references.map(|axis| axis.first().map_or(0.0, |state| state.position));
-        let (next, rung) = self.plan_next(start, &conservative, &references, trust, budget, health);
-        Planned { reference, path, next, rung }
+        let goal = self.goal(pen, *holding, preview, *trust);
+        let reference = goal.references.map(|axis| axis.first().map_or(0.0, |state| state.position));
+        let (next, rung) = self.plan_next(start, &goal, *pace_mps, budget, health);
+        PlannedStep { reference, path, next, rung }
     }
 
     /// The tool state at the end of the period: from a fresh plan, else from the previous one.
     fn plan_next(
         &mut self,
         start: Stamp,
-        conservative: &[AxisState; 3],
-        references: &[[AxisState; N]; 3],
-        trust: Trust,
+        goal: &PlanGoal<N>,
+        pace_mps: Option<f64>,
         budget: Budget,
         health: &mut Health,
     ) -> (Option<[AxisState; 3]>, Rung) {
         if !budget.shed {
-            let report = self.make_plan(conservative, references, trust, budget.max_iterations);
+            let report = self.make_plan(goal, pace_mps, budget.max_iterations);
             self.reports.axes = report.axes;
             if report.usable()
                 && let Some(next) = self.plan.state_at(self.period_s)
@@ -84,15 +84,8 @@ impl<const N: usize, const J: usize> Mover<N, J> {
     ///
     /// Where no plan was found, the next tick asks for less, down to staying at rest, whatever settings,
     /// budget and pen are. An arm at rest therefore never stays there for lack of a plan.
-    fn make_plan(
-        &mut self,
-        conservative: &[AxisState; 3],
-        references: &[[AxisState; N]; 3],
-        trust: Trust,
-        max_iterations: u32,
-    ) -> PlanReport {
-        let (conservative, references) = self.within_reach(conservative, references);
-        let report = self.within_limits(conservative, references, trust, max_iterations);
+    fn make_plan(&mut self, goal: &PlanGoal<N>, pace_mps: Option<f64>, max_iterations: u32) -> PlanReport {
+        let report = self.within_limits(self.within_reach(goal, pace_mps), max_iterations);
         let change = if report.usable() { PLANNED } else { FAILED };
         self.reach = (self.reach * change).clamp(LEAST_REACH, 1.0);
         report
@@ -105,13 +98,8 @@ impl<const N: usize, const J: usize> Mover<N, J> {
     /// ones. If half the cap is not enough, the plan is made once more for a workspace that reaches as far as
     /// the tool must overshoot; the references still ask for the way back. Both together cost at most one and
     /// a half times the cap.
-    fn within_limits(
-        &mut self,
-        mut conservative: [AxisState; 3],
-        mut references: [[AxisState; N]; 3],
-        trust: Trust,
-        max_iterations: u32,
-    ) -> PlanReport {
+    fn within_limits(&mut self, goal: PlanGoal<N>, max_iterations: u32) -> PlanReport {
+        let PlanGoal { mut conservative, mut references, trust } = goal;
         let mut from = Start { command: self.tool, arm: self.arm };
         let beyond = self.unavoidable_overshoot_m();
         let inside = beyond.iter().all(|by| by.abs() < OUTSIDE_M);

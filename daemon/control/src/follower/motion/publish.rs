@@ -3,8 +3,8 @@
 
 use nalgebra::Vector3;
 
-use super::{Mover, Offer, Planned};
-use crate::arm::servo::Servo;
+use super::{Mover, PlannedStep, SentCommand};
+use crate::arm::servo::ServoModel;
 use crate::follower::io::Health;
 use crate::units::{AxisState, Stamp};
 
@@ -25,7 +25,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         self.issued = held.command.stamp();
         held.valid_until = held.command.stamp() + self.valid_ns;
         held.kinematics = self.chain.forward(held.command.q());
-        held.made = Offer { command: held.command, valid_until: held.valid_until };
+        held.made = SentCommand { command: held.command, valid_until: held.valid_until };
         u32::from(verdict.reasons.bits())
     }
 
@@ -36,7 +36,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
     }
 
     /// Advances the modelled arm by `elapsed_s`, in which the command moved from `from` to where it is.
-    pub(super) fn trail(&mut self, servo: &Servo, from: &Vector3<f64>, elapsed_s: f64) {
+    pub(super) fn trail(&mut self, servo: &ServoModel, from: &Vector3<f64>, elapsed_s: f64) {
         let to = self.commanded_tool();
         for ((axis, from), to) in self.arm.iter_mut().zip(from.iter()).zip(to.iter()) {
             *axis = servo.follow(axis, *from, *to, elapsed_s);
@@ -70,7 +70,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
     /// that they reached.
     pub(super) fn keep_up(
         &mut self,
-        planned: &Planned,
+        planned: &PlannedStep,
         follows_plan: bool,
         limited: bool,
         from: &Vector3<f64>,

@@ -13,15 +13,24 @@ const LOST: f64 = 5.0;
 /// gain.
 const HELD_STEPS: f64 = 7.0;
 
+/// What a plan is asked for, along the three axes.
+pub(super) struct PlanGoal<const N: usize> {
+    /// The states that feedback alone would approach.
+    pub(super) conservative: [AxisState; 3],
+    pub(super) references: [[AxisState; N]; 3],
+    /// How much of the references to use.
+    pub(super) trust: Trust,
+}
+
 impl<const N: usize, const J: usize> Mover<N, J> {
-    /// References of the three axes, the conservative states, and the trust that applies to them.
-    pub(super) fn references(
+    /// The goal for the pen, as far as its `preview` is known.
+    pub(super) fn goal(
         &mut self,
         pen: &PenReading,
         holding: bool,
         preview: &Option<[[AxisState; N]; 2]>,
         trust: Trust,
-    ) -> ([[AxisState; N]; 3], [AxisState; 3], Trust) {
+    ) -> PlanGoal<N> {
         let [x, y] = pen.position;
         let [tool_x, tool_y, _] = self.tool.map(|axis| axis.position);
         // A silent pen moves nothing, not even the lift; when it returns it may be somewhere else.
@@ -41,23 +50,22 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         let conservative = [x, y, self.height].map(AxisState::at_rest);
         let [hold_x, hold_y, hold_z] = conservative;
         match preview {
-            Some([xs, ys]) => ([*xs, *ys, [hold_z; N]], conservative, trust),
-            None => ([[hold_x; N], [hold_y; N], [hold_z; N]], conservative, Trust::NONE),
+            Some([xs, ys]) => PlanGoal { conservative, references: [*xs, *ys, [hold_z; N]], trust },
+            None => {
+                let references = [[hold_x; N], [hold_y; N], [hold_z; N]];
+                PlanGoal { conservative, references, trust: Trust::NONE }
+            }
         }
     }
 
     /// The held target and the references, brought into the workspace, and then to within what full speed
-    /// reaches by the end of the plan.
+    /// reaches by the end of the plan; no faster than `pace_mps` \[m/s\].
     ///
     /// Targets farther away ask for nearly the same motion but cost many more active-set steps. Behind a
     /// servo the target concerns the arm, which may be far behind the command. After ticks without a plan,
     /// distance and speed are scaled by `reach`. Non-finite values stay non-finite.
-    pub(super) fn within_reach(
-        &self,
-        conservative: &[AxisState; 3],
-        references: &[[AxisState; N]; 3],
-    ) -> ([AxisState; 3], [[AxisState; N]; 3]) {
-        let (mut conservative, mut references) = (*conservative, *references);
+    pub(super) fn within_reach(&self, goal: &PlanGoal<N>, pace_mps: Option<f64>) -> PlanGoal<N> {
+        let PlanGoal { mut conservative, mut references, trust } = *goal;
         let plan_s = self.reach * self.mpc.step_s() * N as f64;
         let arm = if self.servo.is_some() { &self.arm } else { &self.tool };
         let axes = self.limits.iter().zip(self.tool.iter().zip(arm));
@@ -72,11 +80,11 @@ impl<const N: usize, const J: usize> Mover<N, J> {
                 state.velocity *= self.reach;
                 state.acceleration *= self.reach;
             }
-            if let Some(pace) = self.pace_mps {
+            if let Some(pace) = pace_mps {
                 slow_down(pace, self.mpc.step_s(), [behind, ahead], held, references);
             }
         }
-        (conservative, references)
+        PlanGoal { conservative, references, trust }
     }
 }
 

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::{HomeNews, Mover, Planned, Solved, Wanted};
+use super::{HomeNews, JointStep, MotionGoal, Mover, PlannedStep};
 use crate::follower::io::{Health, Rung};
 use crate::ik::{IkSource, PathKept, ToolTarget};
 use crate::units::{AxisState, Stamp};
@@ -15,12 +15,12 @@ impl<const N: usize, const J: usize> Mover<N, J> {
     pub(super) fn solve(
         &mut self,
         start: Stamp,
-        wanted: &Wanted<N>,
-        planned: &Planned,
+        wanted: &MotionGoal<N>,
+        planned: &PlannedStep,
         health: &mut Health,
-    ) -> Solved<J> {
+    ) -> JointStep<J> {
         let (qd, home) = match wanted {
-            Wanted::Home => self.homeward(start, health),
+            MotionGoal::Home => self.homeward(start, health),
             _ => (planned.next.and_then(|next| self.joint_velocities(&next, health)), HomeNews::None),
         };
         let rung = match (planned.next.is_some(), qd.is_some()) {
@@ -28,7 +28,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
             (true, false) => Rung::Stop,
             _ => planned.rung,
         };
-        if matches!(wanted, Wanted::Follow { .. }) && rung == Rung::Stop {
+        if wanted.follows() && rung == Rung::Stop {
             health.set(Health::FALLBACK);
         }
         let follows = qd.is_some();
@@ -36,7 +36,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
             self.kept = None;
         }
         let qd = qd.unwrap_or_else(|| self.stopping(start + self.period_ns, health));
-        Solved { qd, follows, rung, home }
+        JointStep { qd, follows, rung, home }
     }
 
     /// The next step of a stop, which ends at `reach`: joint velocities \[rad/s\].

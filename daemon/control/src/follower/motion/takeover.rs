@@ -5,7 +5,7 @@
 
 use nalgebra::Vector3;
 
-use super::{Held, Mover, Offer};
+use super::{CommandedArm, Gap, Mover, SentCommand};
 use crate::follower::io::{Health, Refusal};
 use crate::guard::{Commanded, StopProfile, consumer_state};
 use crate::units::{AxisState, Stamp};
@@ -13,7 +13,7 @@ use crate::units::{AxisState, Stamp};
 impl<const N: usize, const J: usize> Mover<N, J> {
     /// Takes charge of an arm that stands at `q`.
     pub(in crate::follower) fn seed(&mut self, now: Stamp, q: &[f64; J]) -> Result<(), Refusal> {
-        let (kinematics, tool) = self.arming.place(self.guard.limits(), &self.chain, q)?;
+        let (kinematics, tool) = self.arming.pose(self.guard.limits(), &self.chain, q)?;
         let start = now.max(self.issued);
         let command = Commanded::at_rest(start, *q).ok_or(Refusal::OutsideJointLimits)?;
         self.ik.bind(true);
@@ -26,7 +26,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         self.reach = 1.0;
         self.approaching = true;
         self.height = self.plane.lift_height;
-        self.held = Some(Held::new(command, start + self.valid_ns, kinematics));
+        self.held = Some(CommandedArm::new(command, start + self.valid_ns, kinematics));
         self.kept = None;
         Ok(())
     }
@@ -44,12 +44,22 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         self.held.as_ref().is_none_or(|held| StopProfile::is_done(&held.command))
     }
 
+    /// Begins a tick at `now`: the last step's command was sent or `unsent`, and consumers may have been
+    /// carried on by themselves since.
+    pub(in crate::follower) fn begin(&mut self, now: Stamp, unsent: bool, health: &mut Health) -> Gap<J> {
+        let begins = self.acknowledge(unsent);
+        let lost_ns = self.catch_up(now, health);
+        let held = self.held.as_ref().filter(|_| lost_ns > 0);
+        let carried = held.map(|held| (*held.command.q(), self.commanded_tool().into()));
+        Gap { now, lost_ns, carried, begins }
+    }
+
     /// The last step's command was sent, or consumers still follow the one before. Returns whether that one
     /// should have been their first.
-    pub(in crate::follower) fn settle(&mut self, unsent: bool) -> bool {
+    fn acknowledge(&mut self, unsent: bool) -> bool {
         let Some(held) = &mut self.held else { return false };
         if unsent {
-            let Offer { command, valid_until } = held.sent;
+            let SentCommand { command, valid_until } = held.sent;
             (held.command, held.valid_until) = (command, valid_until);
             held.kinematics = self.chain.forward(command.q());
         } else {
@@ -61,7 +71,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
     /// Puts the commanded state where consumers are at `now`, if periods were lost since the last command.
     ///
     /// Returns how long nothing was commanded \[ns\].
-    pub(in crate::follower) fn catch_up(&mut self, now: Stamp, health: &mut Health) -> u64 {
+    fn catch_up(&mut self, now: Stamp, health: &mut Health) -> u64 {
         let from = self.commanded_tool();
         let lost = self.held.as_ref().map_or(0, |held| now.since(held.command.stamp()));
         if let Some(envelope) = self.ik.envelope() {
@@ -87,12 +97,6 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         }
         self.miss_home(lost);
         lost
-    }
-
-    /// Joints \[rad\] and tool \[m\], plane frame, that consumers were carried to, while there is a command.
-    pub(in crate::follower) fn carried(&self) -> Option<([f64; J], [f64; 3])> {
-        let held = self.held.as_ref()?;
-        Some((*held.command.q(), self.commanded_tool().into()))
     }
 
     /// Goes on after `lost_s` in which the arm followed the last command, from `from` \[m\].

@@ -158,7 +158,7 @@ pub(super) fn exp_gate<T: Scalar>(x: T) -> T {
     power + power * rest
 }
 
-/// Hyperbolic tangent.
+/// Hyperbolic tangent, bit for bit everywhere.
 #[must_use]
 #[inline(always)]
 pub fn tanh<T: Scalar>(x: T) -> T {

@@ -8,7 +8,7 @@
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Covariance<const D: usize> {
     matrix: [[f64; D]; D],
-    /// P₀ = start·I.
+    /// P₀ = start·I, the covariance at start.
     start: f64,
     /// Largest trace for which P still forgets.
     bound: f64,

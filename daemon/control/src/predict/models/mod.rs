@@ -11,9 +11,11 @@ pub mod mixture;
 mod constant_velocity;
 mod covariance;
 #[cfg(any(test, feature = "examples"))]
+#[path = "../../../examples/predictors/damped_velocity.rs"]
 mod damped_velocity;
 pub(super) mod hold;
 #[cfg(any(test, feature = "examples"))]
+#[path = "../../../examples/predictors/learned_damping.rs"]
 pub mod learned_damping;
 mod oracle;
 mod set;
@@ -52,15 +54,15 @@ pub const REGISTRY: &[Entry] = &[
 macro_rules! for_each_taught {
     ($then:ident) => {
         $then! {
-            /// Linear DyBM.
+            /// Weights of the linear DyBM.
             dybm: dybm::{Dybm, DybmWeights},
             /// DyBM with a reservoir.
             dybm_esn: esn::{DybmEsn, DybmEsnWeights},
-            /// AR-RLS.
+            /// Those of AR-RLS, an expert too.
             ar_rls: ar_rls::{ArRls, ArRlsWeights},
             /// The mixture and its experts.
             mixture: mixture::{Mixture, MixtureParameters},
-            /// Learned damping.
+            /// Weights of the example that learns.
             #[cfg(any(test, feature = "examples"))]
             learned_damping: learned_damping::{LearnedDamping, Damping},
         }

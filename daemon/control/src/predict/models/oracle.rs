@@ -38,10 +38,10 @@ impl Predictor for Oracle {
         }
     }
 
-    /// The recording is kept, and the cursor stays where `place` put it.
+    /// The recording is kept, and the cursor stays where `set_cursor` put it.
     fn reset(&mut self) {}
 
-    fn place(&mut self, index: u64, scale_m: f64) {
+    fn set_cursor(&mut self, index: u64, scale_m: f64) {
         self.cursor = index;
         self.scale_m = scale_m;
     }

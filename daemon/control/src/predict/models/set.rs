@@ -28,15 +28,15 @@ pub struct ModelSettings {
     pub step_ns: u64,
     /// The linear DyBM, alone and beside a reservoir.
     pub dybm: DybmSettings,
-    /// Its initial weights.
+    /// Weights that the DyBM starts with.
     pub initial: InitialWeights,
-    /// The reservoir.
+    /// What the reservoir is made from.
     pub reservoir: ReservoirSettings,
     /// How the reservoir's read-out learns.
     pub readout: Optimiser,
-    /// AR-RLS.
+    /// Those of AR-RLS, an expert too.
     pub ar_rls: ArRlsSettings,
-    /// The mixture.
+    /// How the mixture learns online.
     pub mixture: MixtureSettings,
 }
 
@@ -131,7 +131,7 @@ impl Models {
         &self.settings
     }
 
-    /// The trained networks.
+    /// The networks that were trained offline.
     #[must_use]
     pub const fn networks(&self) -> &Networks {
         &self.networks

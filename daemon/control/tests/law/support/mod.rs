@@ -9,121 +9,31 @@ pub(crate) mod reaching;
 pub(crate) mod strokes;
 pub(crate) mod touching;
 pub(crate) mod writing;
+#[path = "../../../examples/ur5/settings.in"]
+mod ur5;
 
 use std::sync::Arc;
 
-use foretrace_control::arm::lag::Following;
-use foretrace_control::arm::{Chain, JointLimits, Payload};
-use foretrace_control::contact::ContactSettings;
-use foretrace_control::envelope::EnvelopeSettings;
 use foretrace_control::follower::{
-    Budget, Follower, FollowerSettings, JointCommand, JointReading, NoClock, Request, SafetySettings,
-    StepInput, StepOutput,
+    Budget, Follower, FollowerSettings, JointCommand, JointReading, NoClock, Request, StepInput, StepOutput,
 };
 use foretrace_control::guard::CommandChecker;
-use foretrace_control::ik::{IkBackend, IkSettings};
 use foretrace_control::learn::{Learner, LearnerSettings};
-use foretrace_control::monitor::TrackingSettings;
-use foretrace_control::mpc::{AxisLimits, Backend, Gains, MpcSettings, SoftPenalty};
-use foretrace_control::pen::{PenReading, PenSettings};
-use foretrace_control::plane::Plane;
-use foretrace_control::predict::Networks;
+use foretrace_control::pen::PenReading;
 use foretrace_control::predict::models::dybm::{DybmShape, TraceInput};
 use foretrace_control::predict::models::lstm::{LstmSpec, LstmTensors, LstmWeights};
-use foretrace_control::predict::refine::RefineParameters;
 use foretrace_control::predict::{
-    DybmWeights, InitialWeights, ModelSettings, Models, OnlineWeights, PredictorKind, PreviewSettings,
+    DybmWeights, InitialWeights, ModelSettings, Models, Networks, OnlineWeights, PredictorKind,
 };
-use foretrace_control::skill::SkillParameters;
-use foretrace_control::trust::{TrustRequest, TrustSettings};
 use foretrace_control::units::Stamp;
-use nalgebra::{Matrix3, Rotation3, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
-pub(crate) const HOME: [f64; 6] = [0.0, -1.9, -1.7, -1.112_388_980_384_69, std::f64::consts::FRAC_PI_2, 0.0];
-pub(crate) const PERIOD_NS: u64 = 2_000_000;
-pub(crate) const STEP_NS: u64 = 10_000_000;
+pub(crate) use ur5::{HOME, PERIOD_NS, STEP_NS};
 
 /// Settings of a UR5 that writes on a plane through its home pose.
 pub(crate) fn settings(kind: PredictorKind) -> FollowerSettings<6> {
-    let urdf = include_str!("../../../../../config/robots/ur5.urdf");
-    let chain = Chain::<6>::from_urdf(urdf, None, None).unwrap();
-    let home = chain.forward(&HOME);
-    let z = -home.rotation.column(2).into_owned();
-    let x = (Vector3::x() - z * z.x).normalize();
-    let rotation = Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[x, z.cross(&x), z]));
-    let period_s = PERIOD_NS as f64 * 1e-9;
-    let tau = std::f64::consts::TAU;
-    let limits = JointLimits::new([[-tau, tau]; 6], [3.0; 6], [30.0; 6])
-        .unwrap()
-        .with_stale_braking(5.0 * period_s, [20.0; 6])
-        .unwrap();
-    let axis = |half: f64| AxisLimits {
-        jerk_mps3: 800.0,
-        acceleration_mps2: 12.0,
-        velocity_mps: 1.0,
-        position_m: [-half, half],
-    };
-    let gains = Gains { position: 1.0, velocity: 0.2, acceleration: 0.01, decay: 1.0 };
-    let mpc = MpcSettings {
-        step_s: STEP_NS as f64 * 1e-9,
-        gains_feedback: [gains; 3],
-        gains_feedforward: [gains; 3],
-        effort: 1e-3,
-        axes: [axis(0.12), axis(0.12), axis(0.05)],
-        soft_penalty: SoftPenalty::DEFAULT,
-        backend: Backend::Exact,
-        max_iterations: 200,
-        servo_s: 0.0,
-        unlimited: false,
-    };
-    FollowerSettings {
-        payload: Payload { mass: 0.0, centre: [0.0, 0.0, 0.07] },
-        period_ns: PERIOD_NS,
-        pen: PenSettings { step_ns: STEP_NS, ..PenSettings::default() },
-        preview: PreviewSettings { step_ns: STEP_NS, kind, ..PreviewSettings::default() },
-        models: models(),
-        weights: models().initial_weights(),
-        refine: RefineParameters::SHIPPED,
-        skill: SkillParameters::SHIPPED,
-        trust: TrustSettings { step_ns: STEP_NS, ..TrustSettings::default() },
-        trust_request: TrustRequest::Auto,
-        mpc,
-        plane: Plane {
-            origin: home.position,
-            rotation,
-            pen_scale: 1.0,
-            pen_origin: [0.0; 2],
-            lift_height: 0.01,
-            press_depth: 0.0,
-        },
-        chain,
-        limits,
-        ik: IkSettings::for_period(period_s, HOME),
-        ik_backend: IkBackend::Exact,
-        clearance: None,
-        dead_time_ns: 0,
-        following: Following::Fixed,
-        response_ns: 0,
-        velocity_lead_ns: 0,
-        safety: SafetySettings {
-            valid_periods: 5,
-            latch_after_ns: 200_000_000,
-            joint_state_timeout_ns: 100_000_000,
-            enable_timeout_ns: 100_000_000,
-            enable_required: false,
-            hold_after_ns: 150_000_000,
-            arm_max_speed: 0.05,
-            arm_workspace_margin: 0.05,
-            arm_max_tilt: 0.35,
-            previous_plan_max_ns: 50_000_000,
-            approach_distance: 0.01,
-            tracking: TrackingSettings::default(),
-            contact: ContactSettings::default(),
-            envelope: EnvelopeSettings { margin_m: 0.003, max_tilt_rad: 0.4, max_speed_mps: None },
-        },
-    }
+    ur5::settings(kind, models())
 }
 
 /// Those of the preset, but the linear DyBM starts as constant velocity.

@@ -1,7 +1,7 @@
 //! Synthetic motion of a pen: handwriting in metres, and signals in the normalised units of the learner.
 
-use foretrace_control::pen::{GridStep, Motion};
-use foretrace_control::predict::LearnStep;
+use foretrace_control::pen::{GridStep, Motion, Touch};
+use foretrace_control::predict::{LearnStep, PenStep};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
@@ -48,6 +48,11 @@ pub(crate) fn path(displacements: &[[f64; 2]]) -> Vec<GridStep> {
         .collect()
 }
 
+/// A displacement of a pen that has just come to touch the paper; its first half is not known.
+pub(crate) fn on_paper(x: [f64; 2]) -> PenStep {
+    PenStep { x, touch: Touch { contact: true, steps: 0 }, ..PenStep::default() }
+}
+
 /// Steps of a signal whose next displacement is `factor` times the last, kicked every 12 steps; normalised.
 pub(crate) fn first_order(factor: f64, count: usize, first_index: u64, seed: u64) -> Vec<LearnStep> {
     let mut rng = Pcg64::seed_from_u64(seed);
@@ -59,7 +64,7 @@ pub(crate) fn first_order(factor: f64, count: usize, first_index: u64, seed: u64
                 x = [rng.random_range(-20.0..20.0), rng.random_range(-20.0..20.0)];
             }
             let motion = if i == 0 { Motion::Start } else { Motion::Continues };
-            LearnStep { index: first_index + i as u64, x, motion, contact: true, ..LearnStep::default() }
+            LearnStep { index: first_index + i as u64, motion, pen: on_paper(x), ..LearnStep::default() }
         })
         .collect()
 }

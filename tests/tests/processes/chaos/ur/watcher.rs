@@ -12,7 +12,7 @@ use std::time::Duration;
 use foretrace_config::Config;
 use foretrace_control::arm::JointLimits;
 use foretrace_tests::until;
-use foretrace_ur::rtde::{Client, Value};
+use foretrace_ur::rtde::{RtdeClient, RtdeValue};
 
 use super::scene::Series;
 
@@ -76,7 +76,7 @@ impl Watcher {
                 }
             }),
             None => {
-                let mut client = Client::connect(address.into(), PATIENCE).expect("RTDE answers");
+                let mut client = RtdeClient::connect(address.into(), PATIENCE).expect("RTDE answers");
                 let names = ["timestamp", "actual_q", "target_qd", "target_qdd", STATE];
                 client.set_up_outputs(&names, f64::from(series.rate_hz())).expect("known fields");
                 client.start().expect("it starts");
@@ -201,14 +201,14 @@ fn near(a: &Sight, b: &Sight) -> bool {
 }
 
 /// What the own client asked for, in its order.
-fn sight(values: &[Value]) -> Option<Sight> {
+fn sight(values: &[RtdeValue]) -> Option<Sight> {
     match *values {
         [
-            Value::Double(t),
-            Value::Vector6d(q),
-            Value::Vector6d(qd),
-            Value::Vector6d(qdd),
-            Value::Int32(state),
+            RtdeValue::Double(t),
+            RtdeValue::Vector6d(q),
+            RtdeValue::Vector6d(qd),
+            RtdeValue::Vector6d(qdd),
+            RtdeValue::Int32(state),
         ] => Some(Sight { t, q, qd, qdd, state }),
         _ => None,
     }

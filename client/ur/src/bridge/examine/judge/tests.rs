@@ -51,7 +51,7 @@ fn a_controller_in_order_has_nothing_but_good_findings() {
 type Row = (fn(&mut Facts), &'static str, Grade, &'static str);
 
 #[test]
-fn each_trouble_is_told_under_its_name_with_what_to_do() {
+fn each_trouble_is_reported_under_its_name_with_what_to_do() {
     let rows: [Row; 20] = [
         (|f| f.rtde = Port::Refused, "rtde (30004)", Grade::Bad, "enable RTDE"),
         (|f| f.primary = Port::Silent("timed out".to_owned()), "primary (30001)", Grade::Bad, "firewall"),

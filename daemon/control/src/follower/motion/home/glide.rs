@@ -13,18 +13,18 @@ use crate::state::state;
 /// Velocity, acceleration and jerk of the share \[1/s, 1/s², 1/s³\], or those of joints \[rad/s, rad/s²,
 /// rad/s³\].
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Pace {
+pub(super) struct GlideLimits {
     pub(super) velocity: f64,
     pub(super) acceleration: f64,
     pub(super) jerk: f64,
 }
 
-state! { [] Pace { velocity, acceleration, jerk } }
+state! { [] GlideLimits { velocity, acceleration, jerk } }
 
 /// The motion in time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Glide {
-    pace: Pace,
+    pace: GlideLimits,
     /// Duration of the constant jerk, of the rise of the velocity, and of the whole motion \[s\].
     jerk_s: f64,
     rise_s: f64,
@@ -36,15 +36,15 @@ state! { [] Glide { pace, jerk_s, rise_s, whole_s } }
 impl Glide {
     /// The motion that is over before it begins.
     pub(super) const OVER: Self = Self {
-        pace: Pace { velocity: 0.0, acceleration: 0.0, jerk: 0.0 },
+        pace: GlideLimits { velocity: 0.0, acceleration: 0.0, jerk: 0.0 },
         jerk_s: 0.0,
         rise_s: 0.0,
         whole_s: 0.0,
     };
 
     /// As fast as `limits` allow.
-    pub(super) fn within(limits: &Pace) -> Self {
-        let Pace { velocity, acceleration, jerk } = *limits;
+    pub(super) fn within(limits: &GlideLimits) -> Self {
+        let GlideLimits { velocity, acceleration, jerk } = *limits;
         if ![velocity, acceleration, jerk].iter().all(|limit| *limit > 0.0 && limit.is_finite()) {
             return Self::OVER;
         }
@@ -68,7 +68,7 @@ impl Glide {
         let jerk_s = if ramped(velocity) { full_s } else { 0.5 * rise_s };
         let cruise_s = ((1.0 - way) / velocity).max(0.0);
         Self {
-            pace: Pace { velocity, acceleration: jerk * jerk_s, jerk },
+            pace: GlideLimits { velocity, acceleration: jerk * jerk_s, jerk },
             jerk_s,
             rise_s,
             whole_s: 2.0 * rise_s + cruise_s,
@@ -92,7 +92,7 @@ impl Glide {
     }
 
     fn first_half(&self, t: f64) -> f64 {
-        let Pace { velocity, acceleration, jerk } = self.pace;
+        let GlideLimits { velocity, acceleration, jerk } = self.pace;
         let rising = |t: f64| {
             if t <= self.jerk_s {
                 jerk * t * t * t / 6.0
@@ -132,11 +132,11 @@ mod tests {
     fn every_kind_of_way_ends_at_one_inside_its_limits() {
         for (limits, seconds) in [
             // Cruises: 1/V + V/A + A/K. Reaches A, not V. Reaches neither: (32/K)^⅓.
-            (Pace { velocity: 0.2, acceleration: 0.5, jerk: 2.0 }, Some(5.0 + 0.4 + 0.25)),
-            (Pace { velocity: 9.0, acceleration: 1.0, jerk: 100.0 }, None),
-            (Pace { velocity: 9.0, acceleration: 50.0, jerk: 4.0 }, Some(2.0)),
-            (Pace { velocity: 1e-4, acceleration: 1.0, jerk: 1.0 }, None),
-            (Pace { velocity: 1e6, acceleration: 1e6, jerk: 1e7 }, None),
+            (GlideLimits { velocity: 0.2, acceleration: 0.5, jerk: 2.0 }, Some(5.0 + 0.4 + 0.25)),
+            (GlideLimits { velocity: 9.0, acceleration: 1.0, jerk: 100.0 }, None),
+            (GlideLimits { velocity: 9.0, acceleration: 50.0, jerk: 4.0 }, Some(2.0)),
+            (GlideLimits { velocity: 1e-4, acceleration: 1.0, jerk: 1.0 }, None),
+            (GlideLimits { velocity: 1e6, acceleration: 1e6, jerk: 1e7 }, None),
         ] {
             let glide = Glide::within(&limits);
             if let Some(seconds) = seconds {
@@ -157,7 +157,7 @@ mod tests {
     #[test]
     fn limits_that_are_none_end_the_way_at_once() {
         for wrong in [0.0, -1.0, f64::NAN, f64::INFINITY] {
-            let glide = Glide::within(&Pace { velocity: wrong, acceleration: 1.0, jerk: 1.0 });
+            let glide = Glide::within(&GlideLimits { velocity: wrong, acceleration: 1.0, jerk: 1.0 });
             assert_eq!((glide.seconds(), glide.share(0.0)), (0.0, 1.0));
         }
     }

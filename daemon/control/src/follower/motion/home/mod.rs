@@ -9,23 +9,25 @@
 //! Contract: no allocation after construction, bounded work per tick. Absent: ways around obstacles; the
 //! tool's envelope, which is not in force until the arm is armed, because the pen does not lead here.
 
+#![expect(clippy::indexing_slicing, reason = "indices run over the joints, the length of every array")]
+
 mod glide;
 mod paper;
 
 use crate::state::{choices, state};
-use glide::{Glide, Pace};
+use glide::{Glide, GlideLimits};
 use paper::Paper;
 
-use super::{Held, Mover};
+use super::{CommandedArm, Mover};
 use crate::arm::{Chain, JointLimits, velocity_box};
-use crate::clearance::{Clearance, Inside, Looked, Obstructed, Way};
+use crate::clearance::{Clearance, Inside, Obstructed, Way, WayCheck};
 use crate::follower::FollowerSettings;
 use crate::follower::io::{Health, HomeProgress, Refusal};
 use crate::guard::{Commanded, StopProfile};
 use crate::units::Stamp;
 
 /// Limits of every joint: these, or this share of its own limits if that is less.
-const GENTLE: Pace = Pace { velocity: 0.25, acceleration: 0.5, jerk: 2.0 };
+const GENTLE: GlideLimits = GlideLimits { velocity: 0.25, acceleration: 0.5, jerk: 2.0 };
 const SHARE: f64 = 0.25;
 /// Gaps close by this share of the rate that clearance allows.
 const DAMPED: f64 = 0.25;
@@ -42,7 +44,7 @@ const OFF_RAD: f64 = 1e-3;
 const AT_REST_RADPS: f64 = 1e-9;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-enum Phase {
+enum HomePhase {
     #[default]
     Over,
     Checking,
@@ -51,7 +53,7 @@ enum Phase {
     Settling,
 }
 
-choices! { Phase { Over, Checking, Moving, Halting, Settling } }
+choices! { HomePhase { Over, Checking, Moving, Halting, Settling } }
 
 /// Event of one tick of the way home.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -72,12 +74,12 @@ pub(in crate::follower) enum HomeNews {
 #[derive(Debug, Clone)]
 pub(super) struct Homing<const J: usize> {
     home: [f64; J],
-    paces: [Pace; J],
+    paces: [GlideLimits; J],
     clearance: Option<Clearance<J>>,
     paper: Paper,
     way: Way<J>,
     glide: Glide,
-    phase: Phase,
+    phase: HomePhase,
     looks: u32,
     settle_ns: u64,
     /// Time along the way at its own pace \[s\]; current share of that pace; how long it has been held up
@@ -99,28 +101,26 @@ state! {
 }
 
 /// Limits of the joints on the way home.
-fn paces<const J: usize>(limits: &JointLimits<J>) -> [Pace; J] {
-    let mut paces = [GENTLE; J];
-    let jerks = limits.jerk().copied().unwrap_or([f64::INFINITY; J]);
-    let most = limits.velocity().iter().zip(limits.acceleration().iter().zip(limits.deceleration()));
-    for ((pace, jerk), (velocity, (acceleration, deceleration))) in paces.iter_mut().zip(jerks).zip(most) {
-        pace.velocity = pace.velocity.min(SHARE * velocity);
-        pace.acceleration = pace.acceleration.min(SHARE * acceleration.min(*deceleration));
-        pace.jerk = pace.jerk.min(SHARE * jerk);
-    }
-    paces
+fn paces<const J: usize>(limits: &JointLimits<J>) -> [GlideLimits; J] {
+    let jerk = limits.jerk().copied().unwrap_or([f64::INFINITY; J]);
+    std::array::from_fn(|j| GlideLimits {
+        velocity: GENTLE.velocity.min(SHARE * limits.velocity()[j]),
+        acceleration: GENTLE.acceleration.min(SHARE * limits.acceleration()[j].min(limits.deceleration()[j])),
+        jerk: GENTLE.jerk.min(SHARE * jerk[j]),
+    })
 }
 
 /// The way from `from` to `to` \[rad\] in time.
-fn glide<const J: usize>(paces: &[Pace; J], from: &[f64; J], to: &[f64; J]) -> Glide {
-    let most = Pace { velocity: f64::INFINITY, acceleration: f64::INFINITY, jerk: f64::INFINITY };
+fn glide<const J: usize>(paces: &[GlideLimits; J], from: &[f64; J], to: &[f64; J]) -> Glide {
+    let most = GlideLimits { velocity: f64::INFINITY, acceleration: f64::INFINITY, jerk: f64::INFINITY };
     let turns = from.iter().zip(to).map(|(from, to)| (to - from).abs());
-    let limits =
-        paces.iter().zip(turns).filter(|(_, turn)| *turn > 0.0).fold(most, |most, (pace, turn)| Pace {
+    let limits = paces.iter().zip(turns).filter(|(_, turn)| *turn > 0.0).fold(most, |most, (pace, turn)| {
+        GlideLimits {
             velocity: most.velocity.min(pace.velocity / turn),
             acceleration: most.acceleration.min(pace.acceleration / turn),
             jerk: most.jerk.min(pace.jerk / turn),
-        });
+        }
+    });
     Glide::within(&limits)
 }
 
@@ -149,7 +149,7 @@ impl<const J: usize> Homing<J> {
             paper: Paper::new(settings),
             clearance,
             glide: Glide::OVER,
-            phase: Phase::Over,
+            phase: HomePhase::Over,
             looks: ((LOOKS_HZ * period_s).ceil() as u32).clamp(1, 64),
             settle_ns: settings.longest_lag_ns(),
             elapsed_s: 0.0,
@@ -165,23 +165,24 @@ impl<const J: usize> Homing<J> {
         self.way.begin(q, self.home);
         self.paper.begin();
         self.glide = glide(&self.paces, &q, &self.home);
-        (self.phase, self.elapsed_s, self.pace, self.held_s) = (Phase::Checking, 0.0, 1.0, 0.0);
+        (self.phase, self.elapsed_s, self.pace, self.held_s) = (HomePhase::Checking, 0.0, 1.0, 0.0);
     }
 
     /// Checks the next points of the way.
     fn look(&mut self, chain: &Chain<J>) -> HomeNews {
         for _ in 0..self.looks {
-            let near = self.clearance.as_ref().map_or(Looked::Clear, |c| c.look_along(chain, &mut self.way));
+            let near =
+                self.clearance.as_ref().map_or(WayCheck::Clear, |c| c.look_along(chain, &mut self.way));
             let low = self.paper.look(chain, &self.way);
-            match if matches!(near, Looked::Blocked(_)) || low == Looked::Clear { near } else { low } {
-                Looked::SoFar => {}
-                Looked::Clear => {
-                    self.phase = Phase::Moving;
+            match if matches!(near, WayCheck::Blocked(_)) || low == WayCheck::Clear { near } else { low } {
+                WayCheck::SoFar => {}
+                WayCheck::Clear => {
+                    self.phase = HomePhase::Moving;
                     self.underway = true;
                     return HomeNews::Clear;
                 }
-                Looked::Blocked(by) if self.underway => return HomeNews::HeldUp(by),
-                Looked::Blocked(by) => return HomeNews::Blocked(by),
+                WayCheck::Blocked(by) if self.underway => return HomeNews::HeldUp(by),
+                WayCheck::Blocked(by) => return HomeNews::Blocked(by),
             }
         }
         HomeNews::None
@@ -204,7 +205,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         let command = Commanded::at_rest(start, *q).ok_or(Refusal::OutsideJointLimits)?;
         self.ik.bind(false);
         self.plan_start = None;
-        self.held = Some(Held::new(command, start + self.valid_ns, self.chain.forward(q)));
+        self.held = Some(CommandedArm::new(command, start + self.valid_ns, self.chain.forward(q)));
         self.kept = None;
         self.resynchronise();
         self.arm = self.tool;
@@ -217,8 +218,8 @@ impl<const N: usize, const J: usize> Mover<N, J> {
     pub(in crate::follower) fn home_progress(&self) -> HomeProgress {
         let Homing { phase, glide, elapsed_s, .. } = &*self.homing;
         HomeProgress {
-            moving: !matches!(phase, Phase::Checking | Phase::Over),
-            share: if *phase == Phase::Checking { 0.0 } else { glide.share(*elapsed_s) },
+            moving: !matches!(phase, HomePhase::Checking | HomePhase::Over),
+            share: if *phase == HomePhase::Checking { 0.0 } else { glide.share(*elapsed_s) },
             left_s: (glide.seconds() - elapsed_s).max(0.0),
         }
     }
@@ -229,20 +230,20 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         let Some(held) = &self.held else { return (None, HomeNews::None) };
         let homing = &mut self.homing;
         match homing.phase {
-            Phase::Over => (None, HomeNews::None),
-            Phase::Checking => (None, homing.look(&self.chain)),
-            Phase::Halting => {
+            HomePhase::Over => (None, HomeNews::None),
+            HomePhase::Checking => (None, homing.look(&self.chain)),
+            HomePhase::Halting => {
                 if StopProfile::is_done(&held.command) {
                     homing.check(*held.command.q());
                 }
                 (None, HomeNews::None)
             }
-            Phase::Settling => {
+            HomePhase::Settling => {
                 let there =
                     start.since(homing.arrived) >= i64::try_from(homing.settle_ns).unwrap_or(i64::MAX);
                 (None, if there { HomeNews::Arrived } else { HomeNews::None })
             }
-            Phase::Moving => self.move_on(start, health),
+            HomePhase::Moving => self.move_on(start, health),
         }
     }
 
@@ -251,12 +252,12 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         let (q, h) = (held.command.q(), self.period_s);
         let here = homing.way.at(homing.glide.share(homing.elapsed_s));
         if q.iter().zip(&here).any(|(q, here)| !((q - here).abs() <= OFF_RAD)) {
-            homing.phase = Phase::Halting;
+            homing.phase = HomePhase::Halting;
             return (None, HomeNews::None);
         }
         let rests = held.command.qd().iter().all(|qd| qd.abs() <= AT_REST_RADPS);
         if homing.elapsed_s >= homing.glide.seconds() && rests {
-            (homing.phase, homing.arrived) = (Phase::Settling, start);
+            (homing.phase, homing.arrived) = (HomePhase::Settling, start);
             return (None, HomeNews::None);
         }
         let towards = |homing: &Homing<J>, pace: f64| {
@@ -291,18 +292,18 @@ impl<const N: usize, const J: usize> Mover<N, J> {
     /// Accounts for `lost_ns` of lost time: the consumer went on along the way as the last command said, or
     /// left it.
     pub(super) fn miss_home(&mut self, lost_ns: u64) {
-        if self.homing.phase != Phase::Moving {
+        if self.homing.phase != HomePhase::Moving {
             return;
         }
         if lost_ns <= self.valid_ns {
             self.homing.elapsed_s += self.homing.pace * (lost_ns as f64 * 1e-9);
         } else {
-            self.homing.phase = Phase::Halting;
+            self.homing.phase = HomePhase::Halting;
         }
     }
 
     /// Ends the way home, wherever the arm is.
     pub(in crate::follower) fn leave_home(&mut self) {
-        self.homing.phase = Phase::Over;
+        self.homing.phase = HomePhase::Over;
     }
 }

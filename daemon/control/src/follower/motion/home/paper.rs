@@ -8,12 +8,11 @@
 //! which only `[clearance]` knows.
 
 use crate::arm::Chain;
-use crate::clearance::{Looked, Obstructed, Way};
+use crate::clearance::{Obstructed, Way, WayCheck};
 use crate::follower::{FollowerSettings, WayBlocked};
 use crate::plane::Plane;
 use crate::state::state;
 
-/// Points checked.
 const LOOKS: u32 = 1000;
 /// An arm that was stopped in the paper may leave it from this depth \[m\].
 const DEEPEST_M: f64 = 0.02;
@@ -45,7 +44,7 @@ impl Paper {
     }
 
     /// Checks one more point of `way`.
-    pub(super) fn look<const J: usize>(&mut self, chain: &Chain<J>, way: &Way<J>) -> Looked {
+    pub(super) fn look<const J: usize>(&mut self, chain: &Chain<J>, way: &Way<J>) -> WayCheck {
         let share = f64::from(self.looked) / f64::from(LOOKS);
         let tip = self.plane.point_from_base(&chain.forward(&way.at(share)).position);
         let [across @ .., [low, _]] = self.workspace;
@@ -54,12 +53,12 @@ impl Paper {
         }
         let over = across.iter().zip(tip.iter()).all(|([low, high], at)| (low..=high).contains(&at));
         if over && !(tip.z >= self.lowest) {
-            return Looked::Blocked(Obstructed { pair: WayBlocked::PAPER, share, distance_m: tip.z });
+            return WayCheck::Blocked(Obstructed { pair: WayBlocked::PAPER, share, distance_m: tip.z });
         }
         if self.looked >= LOOKS {
-            return Looked::Clear;
+            return WayCheck::Clear;
         }
         self.looked += 1;
-        Looked::SoFar
+        WayCheck::SoFar
     }
 }

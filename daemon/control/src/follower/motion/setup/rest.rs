@@ -10,8 +10,8 @@
 //! either.
 
 use crate::follower::io::{Health, NoClock};
-use crate::follower::motion::{Mover, Wanted};
-use crate::follower::settings::Would;
+use crate::follower::motion::{MotionGoal, Mover};
+use crate::follower::settings::RestRemedy;
 use crate::follower::{Budget, FollowerError, FollowerSettings};
 use crate::ik::{IkBackend, ToolTarget, solve_pose};
 use crate::mpc::Backend;
@@ -84,7 +84,7 @@ pub(in crate::follower::motion) fn comes_to_rest<const N: usize, const J: usize>
 }
 
 /// The value of one setting, nearest to the present one of those tried, with which it comes to rest.
-fn would_do<const N: usize, const J: usize>(settings: &FollowerSettings<J>, axis: usize) -> Would {
+fn would_do<const N: usize, const J: usize>(settings: &FollowerSettings<J>, axis: usize) -> RestRemedy {
     let rests = |change: &dyn Fn(&mut FollowerSettings<J>)| {
         let mut other = settings.clone();
         change(&mut other);
@@ -97,7 +97,7 @@ fn would_do<const N: usize, const J: usize>(settings: &FollowerSettings<J>, axis
         let gain = share.powi(2);
         let position = settings.mpc.gains_feedback.map(|gains| gain * gains.position);
         if more <= 1000 && rests(&|other| other.mpc.max_iterations = more) {
-            return Would::Steps(more);
+            return RestRemedy::Steps(more);
         }
         if let Some(limits) = limits {
             let velocity_mps = share * limits.velocity_mps;
@@ -109,10 +109,10 @@ fn would_do<const N: usize, const J: usize>(settings: &FollowerSettings<J>, axis
                 }
             };
             if rests(&|other| with(other, Some(velocity_mps), None)) {
-                return Would::Velocity(velocity_mps);
+                return RestRemedy::Velocity(velocity_mps);
             }
             if rests(&|other| with(other, None, Some(acceleration_mps2))) {
-                return Would::Acceleration(acceleration_mps2);
+                return RestRemedy::Acceleration(acceleration_mps2);
             }
         }
         let slower = |other: &mut FollowerSettings<J>| {
@@ -121,10 +121,10 @@ fn would_do<const N: usize, const J: usize>(settings: &FollowerSettings<J>, axis
         };
         if rests(&slower) {
             let [x, ..] = position;
-            return Would::PositionGain(x);
+            return RestRemedy::PositionGain(x);
         }
     }
-    Would::Nothing
+    RestRemedy::Nothing
 }
 
 /// Axis and amplitude of a sustained oscillation after a step of the pen, at no trust or full trust \[m\].
@@ -173,7 +173,7 @@ impl<const N: usize, const J: usize> Mover<N, J> {
         let (mut before, mut arrived) = (self.tool.map(|axis| axis.position), 0);
         for tick in 0..(LONGEST_S / self.period_s) as u64 {
             let pen = PenReading::new(begin + tick * self.period_ns, to, true);
-            let motion = Wanted::Follow { pen, holding: false, preview, trust };
+            let motion = MotionGoal::Follow { pen, holding: false, preview, trust, pace_mps: None };
             let mut health = Health::default();
             let moved = self.advance(Some(&motion), Budget::default(), &mut health, &mut NoClock);
             let slow = |(at, before): (&f64, &f64)| (at - before).abs() < SLOW_MPS * self.period_s;

@@ -59,7 +59,7 @@ impl ArRlsSettings {
 /// What happened so far.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct ArRlsCounters {
-    /// Displacements learned from.
+    /// Displacements that were learned from.
     pub learned: u64,
     /// Innovations that were clipped.
     pub clipped: u64,

@@ -15,7 +15,7 @@ pub use learner::{ArRlsCounters, ArRlsLearner, ArRlsSettings};
 pub use weights::ArRlsWeights;
 
 use crate::predict::online::{ModelParameters, WeightsError};
-use crate::predict::{Entry, Models, Pace, Predictor, Taught, shortened};
+use crate::predict::{Entry, Models, OnlinePredictor, Pace, Predictor, shortened};
 
 pub(super) const ENTRY: Entry =
     Entry::taught::<ArRls>("autoregression by recursive least squares, learning online");
@@ -44,7 +44,7 @@ impl ArRlsState {
         }
     }
 
-    /// φ, REGRESSORS numbers.
+    /// φ, the REGRESSORS numbers that are remembered.
     #[inline]
     pub(crate) fn regressor(&self) -> &[f64] {
         self.recent.as_flattened()
@@ -74,14 +74,14 @@ impl ArRls {
         Ok(Self { weights, state: ArRlsState::default(), gate })
     }
 
-    /// The memory.
+    /// What it remembers of the pen.
     #[must_use]
     pub fn state(&self) -> &ArRlsState {
         &self.state
     }
 }
 
-impl Taught for ArRls {
+impl OnlinePredictor for ArRls {
     const NAME: &'static str = "ar-rls";
     const PACE: Pace = Pace::Following;
     type Learner = ArRlsLearner;

@@ -4,7 +4,7 @@
 //! step; L2 is subtracted from the gradient (twice for W and b, once for V, as in the reference), L1 shrinks
 //! after the step.
 
-use crate::predict::models::dybm::optimiser::{Group, Optimiser, Powers, Pull};
+use crate::predict::models::dybm::optimiser::{Optimiser, ParameterGroup, Powers, Pull};
 use crate::predict::models::dybm::{DybmShape, DybmState, DybmWeights, Parameters, roll_out};
 use crate::predict::online::{ModelParameters, OnlineModel, WeightsError, is_usable};
 
@@ -13,7 +13,7 @@ use crate::predict::online::{ModelParameters, OnlineModel, WeightsError, is_usab
 pub struct DybmSettings {
     /// Size and time constants.
     pub shape: DybmShape,
-    /// Learning rule.
+    /// How parameters follow their gradients.
     pub optimiser: Optimiser,
     /// Strength of the soft threshold after each step, in units of the step size.
     pub l1: f64,
@@ -77,7 +77,7 @@ impl Ascent {
         let gradient = state.outer(&shape, error);
         let (twice, once) = (Pull { l1, l2: 2.0 * l2 }, Pull { l1, l2 });
         let (theta, second, first) = (&mut weights.parameters, &mut self.second, &mut self.first);
-        let bias = Group {
+        let bias = ParameterGroup {
             theta: &mut theta.bias,
             second: &mut second.bias,
             first: &mut first.bias,
@@ -85,14 +85,14 @@ impl Ascent {
         };
         optimiser.ascend(&self.powers, twice, bias);
         let held = shape.fifo_len();
-        let fifo = Group {
+        let fifo = ParameterGroup {
             theta: flat(&mut theta.fifo, held),
             second: flat(&mut second.fifo, held),
             first: flat(&mut first.fifo, held),
             gradient: gradient.fifo.as_flattened().as_flattened(),
         };
         optimiser.ascend(&self.powers, twice, fifo);
-        let traces = Group {
+        let traces = ParameterGroup {
             theta: flat(&mut theta.traces, shape.traces),
             second: flat(&mut second.traces, shape.traces),
             first: flat(&mut first.traces, shape.traces),
@@ -122,13 +122,13 @@ impl DybmLearner {
         Ok(Self { ascent: Ascent::new(settings), weights, state: DybmState::default() })
     }
 
-    /// Present weights.
+    /// The weights as they are now.
     #[must_use]
     pub fn weights(&self) -> &DybmWeights {
         &self.weights
     }
 
-    /// Present memory.
+    /// What is remembered of the pen now.
     #[must_use]
     pub fn state(&self) -> &DybmState {
         &self.state
@@ -216,7 +216,7 @@ fn flat(matrices: &mut [[[f64; 2]; 2]], count: usize) -> &mut [f64] {
     matrices.get_mut(..count).unwrap_or_default().as_flattened_mut().as_flattened_mut()
 }
 
-/// x − μ.
+/// x − μ, what the prediction missed.
 #[inline]
 pub(crate) fn difference(x: [f64; 2], mean: [f64; 2]) -> [f64; 2] {
     let ([x, y], [mean_x, mean_y]) = (x, mean);

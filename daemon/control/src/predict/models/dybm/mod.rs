@@ -17,10 +17,12 @@ pub use optimiser::Optimiser;
 pub use weights::{DybmShape, DybmWeights, Parameters, TraceInput};
 
 pub(crate) use learner::{Ascent, difference};
-pub(crate) use optimiser::{Group, Powers, Pull};
+pub(crate) use optimiser::{ParameterGroup, Powers, Pull};
 
 use crate::predict::online::{ModelParameters, is_usable};
-use crate::predict::{Entry, InitialWeights, ModelSettings, Models, Pace, Predictor, Taught, shortened};
+use crate::predict::{
+    Entry, InitialWeights, ModelSettings, Models, OnlinePredictor, Pace, Predictor, shortened,
+};
 
 pub(super) const ENTRY: Entry = Entry::taught::<Dybm>("dynamic Boltzmann machine, linear, learning online");
 
@@ -98,14 +100,14 @@ impl Dybm {
         Ok(Self { weights, state: DybmState::default() })
     }
 
-    /// The memory.
+    /// What it remembers of the pen.
     #[must_use]
     pub fn state(&self) -> &DybmState {
         &self.state
     }
 }
 
-impl Taught for Dybm {
+impl OnlinePredictor for Dybm {
     const NAME: &'static str = "dybm";
     const PACE: Pace = Pace::Settled;
     type Learner = DybmLearner;

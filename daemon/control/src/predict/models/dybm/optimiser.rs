@@ -16,7 +16,7 @@ pub enum Optimiser {
     },
     /// G = γG + (1−γ)g²; θ += rate/(√G + δ)·g.
     RmsProp {
-        /// Step size.
+        /// Step size of an update.
         rate: f64,
         /// γ, 0.9.
         gamma: f64,
@@ -25,7 +25,7 @@ pub enum Optimiser {
     },
     /// Ordinary Adam; its step count is never reset.
     Adam {
-        /// Step size.
+        /// Step size of an update.
         rate: f64,
         /// β of the mean, 0.9.
         beta: f64,
@@ -78,7 +78,7 @@ impl Optimiser {
 
     /// Moves every θ of `group` along its gradient.
     #[inline]
-    pub(crate) fn ascend(&self, powers: &Powers, pull: Pull, group: Group<'_>) {
+    pub(crate) fn ascend(&self, powers: &Powers, pull: Pull, group: ParameterGroup<'_>) {
         match *self {
             Self::AdaGrad { rate, delta } => group.ascend(pull, |second, _, g| {
                 *second += g * g;
@@ -111,7 +111,6 @@ impl Powers {
     /// Before the first step.
     pub(crate) const START: Self = Self { beta: 1.0, gamma: 1.0 };
 
-    /// Counts one step.
     #[inline]
     pub(crate) fn count(&mut self, optimiser: &Optimiser) {
         if let Optimiser::Adam { beta, gamma, .. } = *optimiser {
@@ -131,19 +130,18 @@ pub(crate) struct Pull {
 }
 
 impl Pull {
-    /// None.
     pub(crate) const NONE: Self = Self { l1: 0.0, l2: 0.0 };
 }
 
 /// Parameters of equal standing with their G, M and gradients; equally long.
-pub(crate) struct Group<'a> {
+pub(crate) struct ParameterGroup<'a> {
     pub(crate) theta: &'a mut [f64],
     pub(crate) second: &'a mut [f64],
     pub(crate) first: &'a mut [f64],
     pub(crate) gradient: &'a [f64],
 }
 
-impl Group<'_> {
+impl ParameterGroup<'_> {
     /// `rule(G, M, g)` updates the sums and gives (step size, step).
     #[inline]
     fn ascend(self, pull: Pull, rule: impl Fn(&mut f64, &mut f64, f64) -> (f64, f64)) {

@@ -88,7 +88,7 @@ pub struct Parameters {
 state! { [] Parameters { bias, fifo, traces } }
 
 impl Parameters {
-    /// All zero.
+    /// Every parameter is zero.
     pub const ZERO: Self =
         Self { bias: [0.0; 2], fifo: [[[0.0; 2]; 2]; MAX_FIFO], traces: [[[0.0; 2]; 2]; MAX_TRACES] };
 
@@ -116,7 +116,7 @@ pub struct DybmWeights {
     pub input_scale: f64,
     /// Size and time constants.
     pub shape: DybmShape,
-    /// b, W, V.
+    /// b, W, V of the model.
     pub parameters: Parameters,
 }
 

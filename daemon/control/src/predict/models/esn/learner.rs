@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use crate::predict::models::dybm::{
-    Ascent, DybmSettings, DybmWeights, Group, Optimiser, Parameters, Powers, Pull, difference,
+    Ascent, DybmSettings, DybmWeights, Optimiser, ParameterGroup, Parameters, Powers, Pull, difference,
 };
 use crate::predict::models::esn::{DybmEsnState, DybmEsnWeights, Reservoir, UNITS, judge};
 use crate::predict::online::{ModelParameters, OnlineModel, WeightsError, is_usable};
@@ -104,7 +104,7 @@ impl DybmEsnLearner {
         &self.settings
     }
 
-    /// The reservoir, shared.
+    /// The reservoir, shared with the predictor.
     #[must_use]
     pub fn reservoir(&self) -> &Arc<Reservoir> {
         &self.reservoir
@@ -133,7 +133,7 @@ impl DybmEsnLearner {
         let [dx, dy] = error;
         let gradient = self.state.reservoir.map(|s| [s * dx, s * dy]);
         self.powers.count(&self.settings.readout);
-        let group = Group {
+        let group = ParameterGroup {
             theta: self.weights.readout.as_flattened_mut(),
             second: self.second.as_flattened_mut(),
             first: self.first.as_flattened_mut(),

@@ -18,7 +18,7 @@ use std::sync::Arc;
 
 use crate::predict::models::dybm::{Dybm, DybmState};
 use crate::predict::online::{ModelParameters, WeightsError, is_usable};
-use crate::predict::{Entry, ModelSettings, Models, Pace, Predictor, Taught};
+use crate::predict::{Entry, ModelSettings, Models, OnlinePredictor, Pace, Predictor};
 
 pub(super) const ENTRY: Entry =
     Entry::taught::<DybmEsn>("DyBM with an echo state network beside it, learning online");
@@ -26,9 +26,9 @@ pub(super) const ENTRY: Entry =
 /// Memory of the model.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DybmEsnState {
-    /// FIFO and traces.
+    /// FIFO and traces of the DyBM.
     pub dybm: DybmState,
-    /// s.
+    /// s, the state of the reservoir.
     pub reservoir: ReservoirState,
 }
 
@@ -77,14 +77,14 @@ impl DybmEsn {
         Ok(Self { weights, readout: single(&weights.readout), state: DybmEsnState::default(), reservoir })
     }
 
-    /// The memory.
+    /// What it remembers of the pen.
     #[must_use]
     pub fn state(&self) -> &DybmEsnState {
         &self.state
     }
 }
 
-impl Taught for DybmEsn {
+impl OnlinePredictor for DybmEsn {
     const NAME: &'static str = "dybm-esn";
     const PACE: Pace = Pace::Settled;
     type Learner = DybmEsnLearner;

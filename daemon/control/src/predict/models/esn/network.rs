@@ -10,13 +10,13 @@ use crate::predict::models::esn::{ReservoirState, UNITS};
 use crate::predict::shortened;
 
 /// Two blocks of 13 vectors.
-pub(super) type Double = Network<f64, 26, 2>;
+pub(super) type Double = ReservoirMatrices<f64, 26, 2>;
 /// One block of 13 vectors.
-pub(super) type Single = Network<f32, 52, 1>;
+pub(super) type Single = ReservoirMatrices<f32, 52, 1>;
 
-/// W_in and W_rec.
+/// W_in and W_rec, packed by block.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Network<T, const W: usize, const B: usize> {
+pub(super) struct ReservoirMatrices<T, const W: usize, const B: usize> {
     leak: T,
     /// 1 − leak.
     keep: T,
@@ -26,7 +26,7 @@ pub(super) struct Network<T, const W: usize, const B: usize> {
     recurrent: [[[T; W]; UNITS]; B],
 }
 
-impl<T: Scalar, const W: usize, const B: usize> Network<T, W, B> {
+impl<T: Scalar, const W: usize, const B: usize> ReservoirMatrices<T, W, B> {
     pub(super) fn new(leak: f64, input: &[ReservoirState; 2], recurrent: &[ReservoirState; UNITS]) -> Self {
         let column = |rows: &[ReservoirState], j: usize, unit: usize| {
             T::of(rows.get(j).and_then(|row| row.get(unit)).copied().unwrap_or(0.0))

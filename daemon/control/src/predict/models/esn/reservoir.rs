@@ -15,7 +15,7 @@ pub type ReservoirState = [f64; UNITS];
 /// What determines a reservoir.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ReservoirSettings {
-    /// Of the generator.
+    /// Seed of the random generator.
     pub seed: u64,
     /// Share of the new state, 0 to 1; 0.7.
     pub leak: f64,

@@ -5,7 +5,7 @@
 //! absolute quantity is the direction of that frame in the plane.
 
 use crate::pen::{TARGET_RMS, Touch};
-use crate::predict::Seen;
+use crate::predict::PenStep;
 use crate::predict::models::mixture::is_motion;
 use crate::state::state;
 
@@ -52,8 +52,8 @@ pub struct Look {
 
 /// The last displacements and the touch; cleared where the pen starts or jumps.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct History {
-    /// Newest first, normalised.
+pub struct PenHistory {
+    /// Newest first, normalised displacements per step.
     recent: [[f32; 2]; HISTORY],
     /// First halves of the newest, less half of the displacements.
     halves: [[f32; 2]; HALVES],
@@ -69,10 +69,10 @@ pub struct History {
     before: u32,
 }
 
-state! { [] History { recent, halves, ahead, ahead_s, steps, touch, before } }
+state! { [] PenHistory { recent, halves, ahead, ahead_s, steps, touch, before } }
 
-impl History {
-    /// Nothing seen yet.
+impl PenHistory {
+    /// Before the first step of the pen.
     pub const EMPTY: Self = Self {
         recent: [[0.0; 2]; HISTORY],
         halves: [[0.0; 2]; HALVES],
@@ -84,11 +84,11 @@ impl History {
     };
 
     /// Remembers a step; a jump clears the memory and counts as rest.
-    pub fn observe(&mut self, seen: &Seen) {
-        let Seen { x, half, ahead, ahead_s, touch } = *seen;
+    pub fn observe(&mut self, step: &PenStep) {
+        let PenStep { x, half, ahead, ahead_s, touch } = *step;
         if !is_motion(x) {
             *self = Self::EMPTY;
-            return self.observe(&Seen { touch, ..Seen::of([0.0; 2]) });
+            return self.observe(&PenStep { touch, ..PenStep::of([0.0; 2]) });
         }
         let [hx, hy] = if is_motion(half) { half } else { x.map(|x| 0.5 * x) };
         let known = is_motion(ahead) && ahead_s.is_finite();
@@ -124,7 +124,7 @@ impl History {
         let moving = frame != [0.0; 2];
         let [c, s] = if moving { frame } else { [1.0, 0.0] };
         let turned = |[x, y]: [f64; 2]| [c * x + s * y, c * y - s * x];
-        let mut features = Row { numbers: [0.0; FEATURES], next: 0 };
+        let mut features = FeatureRow { numbers: [0.0; FEATURES], next: 0 };
         for single in singles {
             features.extend(turned(single).map(|x| x / TARGET_RMS));
         }
@@ -140,7 +140,7 @@ impl History {
         {
             features.extend(turn(way(from, steps), way(other, others)));
         }
-        // Contact, ages: their places are named in `kinds`.
+        // Contact, ages: their indices are named in `kinds`.
         let (steps, touch) = (self.steps, self.touch);
         let age_s = f64::from(touch.steps.min(steps)) * step_s;
         let before_s = f64::from(self.before) * step_s;
@@ -179,15 +179,15 @@ pub fn block_for(reach_s: f64, step_s: f64) -> usize {
 }
 
 /// Numbers written one after another.
-struct Row {
+struct FeatureRow {
     numbers: [f32; FEATURES],
     next: usize,
 }
 
-impl Row {
+impl FeatureRow {
     fn push(&mut self, number: f64) {
-        if let Some(place) = self.numbers.get_mut(self.next) {
-            *place = number as f32;
+        if let Some(slot) = self.numbers.get_mut(self.next) {
+            *slot = number as f32;
         }
         self.next += 1;
     }

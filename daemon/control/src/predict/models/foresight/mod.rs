@@ -13,14 +13,14 @@ mod weights;
 
 use std::sync::Arc;
 
-pub use features::{FEATURES, History, Look};
+pub use features::{FEATURES, Look, PenHistory};
 pub use network::{Answer, LAST, Network, activation, slope};
 pub use weights::{
     Dense, ForesightError, ForesightSpec, ForesightWeights, HIDDEN, LAYERS, NAMES, OUTPUTS, SHAPES,
 };
 
 use crate::pen::TARGET_RMS;
-use crate::predict::models::mixture::{NODES, Path};
+use crate::predict::models::mixture::{NODES, NodePath};
 use crate::state::state;
 
 /// Features of the read-out: the last hidden layer and a constant.
@@ -34,11 +34,11 @@ pub struct Foresight {
     block: usize,
 }
 
-/// What the network said at the newest step.
+/// Output of the network at the newest step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Foreseen {
     /// Summed displacements at the nodes, normalised, in the plane.
-    pub(in crate::predict::models) path: Path,
+    pub(in crate::predict::models) path: NodePath,
     /// Features of the read-out.
     pub(in crate::predict::models) read: [f32; READ],
     /// Cosine and sine of the frame of motion, in which the read-out works.
@@ -72,7 +72,7 @@ impl Foresight {
 
     /// What is ahead of `history`.
     #[must_use]
-    pub fn foresee(&self, history: &History) -> Foreseen {
+    pub fn foresee(&self, history: &PenHistory) -> Foreseen {
         let look = history.look(self.step_s, self.block);
         let Answer { hidden, outputs } = self.network.answer(&look.features);
         let mut foreseen = Foreseen { frame: look.frame, ..Foreseen::NOTHING };

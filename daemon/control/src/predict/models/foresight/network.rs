@@ -55,17 +55,17 @@ fn widened(narrow: u16) -> f32 {
     f32::from_bits(u32::from(narrow) << 16)
 }
 
-/// What comes out.
+/// Outputs of the network, and its last layer.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Answer {
     /// The last hidden layer.
     pub hidden: [f32; LAST],
-    /// The outputs.
+    /// Outputs, two for each node.
     pub outputs: [f32; OUTPUTS],
 }
 
 impl Network {
-    /// Packs checked weights.
+    /// Packs weights that were checked before.
     #[must_use]
     pub fn new(weights: &ForesightWeights) -> Self {
         let (mut biases, mut rows) = (Vec::new(), Vec::new());
@@ -85,7 +85,7 @@ impl Network {
         Self { biases: biases.into(), rows: rows.into() }
     }
 
-    /// One pass.
+    /// One pass through all layers.
     #[must_use]
     pub fn answer(&self, features: &[f32; FEATURES]) -> Answer {
         let mut answer = Answer { hidden: [0.0; LAST], outputs: [0.0; OUTPUTS] };
@@ -158,7 +158,7 @@ pub fn activation(x: f32) -> f32 {
     x * if gate < 1.0 { gate } else { 1.0 }
 }
 
-/// Its derivative.
+/// Derivative of the activation at x.
 #[must_use]
 #[inline(always)]
 pub fn slope(x: f32) -> f32 {

@@ -14,7 +14,7 @@ use crate::predict::models::mixture::NODE_COUNT;
 pub const HIDDEN: [usize; 3] = [128, 128, 64];
 /// Outputs: x and y at every node of the mixture.
 pub const OUTPUTS: usize = 2 * NODE_COUNT;
-/// Layers with weights.
+/// Number of layers that have weights.
 pub const LAYERS: usize = HIDDEN.len() + 1;
 /// Inputs and outputs of each layer.
 pub const SHAPES: [(usize, usize); LAYERS] = {
@@ -56,21 +56,21 @@ pub enum ForesightError {
     /// A number of the specification outside its bounds.
     #[error("the network's {name} is {got}, legal are {min} to {max}")]
     Range {
-        /// Which.
+        /// Name of the number, as in the message.
         name: &'static str,
-        /// As given.
+        /// The refused value, as it was given.
         got: f64,
-        /// Smallest legal value.
+        /// Smallest value that is legal, itself included.
         min: f64,
-        /// Largest legal value.
+        /// Largest value that is legal, itself included.
         max: f64,
     },
     /// A tensor of another size.
     #[error("tensor {tensor} has {got} numbers, {wanted} are needed")]
     Length {
-        /// Its name.
+        /// Name of the tensor, as in the file.
         tensor: &'static str,
-        /// As given.
+        /// The refused value, as it was given.
         got: usize,
         /// Outputs x inputs, or outputs.
         wanted: usize,
@@ -82,11 +82,11 @@ pub enum ForesightError {
         limit = ForesightWeights::MAX_MAGNITUDE
     )]
     Magnitude {
-        /// Its name.
+        /// Name of the tensor, as in the file.
         tensor: &'static str,
-        /// Place, row by row.
+        /// Index, row by row from 0.
         index: usize,
-        /// The parameter.
+        /// The number that is refused.
         got: f64,
     },
     /// Trained at another step.
@@ -106,7 +106,7 @@ pub enum ForesightError {
          normalised displacements"
     )]
     LoopScale {
-        /// Of the network.
+        /// What the network was trained for.
         got: f64,
     },
 }
@@ -153,7 +153,7 @@ impl ForesightWeights {
         &self.spec
     }
 
-    /// The numbers.
+    /// The numbers of all its tensors.
     #[must_use]
     pub const fn layers(&self) -> &[Dense; LAYERS] {
         &self.layers

@@ -14,14 +14,14 @@ use crate::predict::models::lstm::weights::{GATES, LstmWeights};
 use crate::state::state;
 
 /// Weights of one input: a number per gate and cell of a block.
-type Column<T, const U: usize> = [[T; U]; GATES];
+type InputWeights<T, const U: usize> = [[T; U]; GATES];
 
 /// Parameters of a block of cells.
 #[derive(Debug, Clone)]
 struct Block<T, const H: usize, const U: usize> {
-    bias: Column<T, U>,
-    inputs: [Column<T, U>; 2],
-    cells: [Column<T, U>; H],
+    bias: InputWeights<T, U>,
+    inputs: [InputWeights<T, U>; 2],
+    cells: [InputWeights<T, U>; H],
 }
 
 /// Parameters in the order they are read.
@@ -53,7 +53,7 @@ impl<T: Scalar, const H: usize, const U: usize, const B: usize> Cells<T, H, U, B
     pub(super) fn new(weights: &LstmWeights) -> Self {
         let (spec, tensors) = (weights.spec(), weights.tensors());
         // Numbers per gate and cell of a block, from their rows in PyTorch's tensors.
-        let column = |block: usize, number: &dyn Fn(usize) -> f64| -> Column<T, U> {
+        let column = |block: usize, number: &dyn Fn(usize) -> f64| -> InputWeights<T, U> {
             std::array::from_fn(|gate| {
                 std::array::from_fn(|unit| match block * U + unit {
                     cell if cell < H => T::of(number(gate * H + cell)),
@@ -118,7 +118,7 @@ impl<T: Scalar, const H: usize, const U: usize, const B: usize> Cells<T, H, U, B
 
 /// z += column · input.
 #[inline(always)]
-fn accumulate<T: Scalar, const U: usize>(z: &mut Column<T, U>, column: &Column<T, U>, input: T) {
+fn accumulate<T: Scalar, const U: usize>(z: &mut InputWeights<T, U>, column: &InputWeights<T, U>, input: T) {
     for (sum, weight) in z.as_flattened_mut().iter_mut().zip(column.as_flattened()) {
         *sum += *weight * input;
     }
@@ -133,7 +133,7 @@ fn carried<T: Scalar>(i: T, f: T, g: T, c: T) -> T {
     (c * ig2 + g * f) / (f * ig2)
 }
 
-/// σ(o)·tanh(c).
+/// σ(o)·tanh(c), what the cell outputs.
 #[inline(always)]
 fn shown<T: Scalar>(o: T, c: T) -> T {
     let (c, c2) = tanh_parts(c);

@@ -23,7 +23,7 @@ pub use weights::{
     GATES, HIDDEN_SIZES, LARGEST_INPUT, LstmError, LstmSpec, LstmTensors, LstmWeights, MAX_HIDDEN,
 };
 
-use crate::predict::{Entry, Models, Predictor, Trained, shortened};
+use crate::predict::{Entry, Models, NetworkPredictor, Predictor, shortened};
 
 pub(super) const ENTRY: Entry = Entry::trained::<Lstm>("lstm", "the trained network of `lstm`");
 
@@ -43,7 +43,7 @@ pub enum Precision {
 #[derive(Debug, Clone)]
 pub struct Lstm {
     weights: Arc<LstmWeights>,
-    engine: Engine,
+    engine: SizedLstm,
     hidden: [f64; MAX_HIDDEN],
 }
 
@@ -56,30 +56,30 @@ state! { [] Lstm { engine, hidden } fixed { weights } }
     clippy::large_enum_variant,
     reason = "one kilobyte at most, and the memory is where the tick looks for it"
 )]
-enum Engine {
-    Double10(Machine<f64, 10, 2, 5>),
-    Double32(Machine<f64, 32, 4, 8>),
-    Double64(Machine<f64, 64, 4, 16>),
-    Single10(Machine<f32, 10, 12, 1>),
-    Single32(Machine<f32, 32, 8, 4>),
-    Single64(Machine<f32, 64, 8, 8>),
+enum SizedLstm {
+    Double10(LstmCore<f64, 10, 2, 5>),
+    Double32(LstmCore<f64, 32, 4, 8>),
+    Double64(LstmCore<f64, 64, 4, 16>),
+    Single10(LstmCore<f32, 10, 12, 1>),
+    Single32(LstmCore<f32, 32, 8, 4>),
+    Single64(LstmCore<f32, 64, 8, 8>),
 }
 
 /// Calls the same for whichever size is present.
 macro_rules! with_machine {
     ($engine:expr, $machine:ident => $do:expr) => {
         match $engine {
-            Engine::Double10($machine) => $do,
-            Engine::Double32($machine) => $do,
-            Engine::Double64($machine) => $do,
-            Engine::Single10($machine) => $do,
-            Engine::Single32($machine) => $do,
-            Engine::Single64($machine) => $do,
+            SizedLstm::Double10($machine) => $do,
+            SizedLstm::Double32($machine) => $do,
+            SizedLstm::Double64($machine) => $do,
+            SizedLstm::Single10($machine) => $do,
+            SizedLstm::Single32($machine) => $do,
+            SizedLstm::Single64($machine) => $do,
         }
     };
 }
 
-impl State for Engine {
+impl State for SizedLstm {
     fn save(&self, to: &mut Writer<'_>) {
         with_machine!(self, machine => machine.save(to));
     }
@@ -90,13 +90,13 @@ impl State for Engine {
 }
 
 #[derive(Debug, Clone)]
-struct Machine<T, const H: usize, const U: usize, const B: usize> {
+struct LstmCore<T, const H: usize, const U: usize, const B: usize> {
     cells: Arc<Cells<T, H, U, B>>,
     memory: Memory<T, U, B>,
 }
 
 state! {
-    [T: State, const H: usize, const U: usize, const B: usize] Machine<T, H, U, B> { memory }
+    [T: State, const H: usize, const U: usize, const B: usize] LstmCore<T, H, U, B> { memory }
     fixed { cells }
 }
 
@@ -117,12 +117,12 @@ impl Lstm {
     #[must_use]
     pub fn with_precision(weights: Arc<LstmWeights>, precision: Precision) -> Self {
         let engine = match (precision, weights.spec().hidden) {
-            (Precision::Double, ..=10) => Engine::Double10(Machine::new(&weights)),
-            (Precision::Double, ..=32) => Engine::Double32(Machine::new(&weights)),
-            (Precision::Double, _) => Engine::Double64(Machine::new(&weights)),
-            (Precision::Single, ..=10) => Engine::Single10(Machine::new(&weights)),
-            (Precision::Single, ..=32) => Engine::Single32(Machine::new(&weights)),
-            (Precision::Single, _) => Engine::Single64(Machine::new(&weights)),
+            (Precision::Double, ..=10) => SizedLstm::Double10(LstmCore::new(&weights)),
+            (Precision::Double, ..=32) => SizedLstm::Double32(LstmCore::new(&weights)),
+            (Precision::Double, _) => SizedLstm::Double64(LstmCore::new(&weights)),
+            (Precision::Single, ..=10) => SizedLstm::Single10(LstmCore::new(&weights)),
+            (Precision::Single, ..=32) => SizedLstm::Single32(LstmCore::new(&weights)),
+            (Precision::Single, _) => SizedLstm::Single64(LstmCore::new(&weights)),
         };
         Self { weights, engine, hidden: [0.0; MAX_HIDDEN] }
     }
@@ -148,7 +148,7 @@ impl Lstm {
     }
 }
 
-impl Trained for Lstm {
+impl NetworkPredictor for Lstm {
     fn of(models: &Models) -> Option<Self> {
         models.networks().lstm.clone().map(Self::new)
     }
@@ -184,7 +184,7 @@ impl Predictor for Lstm {
 }
 
 impl<T: crate::predict::models::activation::Scalar, const H: usize, const U: usize, const B: usize>
-    Machine<T, H, U, B>
+    LstmCore<T, H, U, B>
 {
     fn new(weights: &LstmWeights) -> Self {
         Self { cells: Arc::new(Cells::new(weights)), memory: Memory::EMPTY }

@@ -10,7 +10,7 @@ use crate::predict::models::lstm::weights::{GATES, LstmWeights, MAX_HIDDEN};
 pub struct LstmState {
     /// Outputs of the cells.
     pub h: [f64; MAX_HIDDEN],
-    /// Cell states.
+    /// c, the states of the cells.
     pub c: [f64; MAX_HIDDEN],
     /// The newest input after scaling and clipping.
     pub x: [f64; 2],

@@ -11,7 +11,7 @@ use crate::predict::MAX_PREVIEW;
 
 /// Numbers of cells that are compiled in.
 pub const HIDDEN_SIZES: [usize; 3] = [10, 32, 64];
-/// Largest of them.
+/// Largest of these numbers of cells.
 pub const MAX_HIDDEN: usize = 64;
 /// Gates per cell: input i, forget f, candidate g, output o.
 pub const GATES: usize = 4;
@@ -122,33 +122,33 @@ pub enum LstmError {
     /// A number of cells that is not compiled in.
     #[error("the LSTM has {got} cells, compiled are 10, 32 and 64: train one of these sizes")]
     Hidden {
-        /// As given.
+        /// The refused value, as it was given.
         got: usize,
     },
     /// Too many or no leads.
     #[error("the LSTM predicts {got} steps directly, legal are 1 to {MAX_PREVIEW}")]
     Leads {
-        /// As given.
+        /// The refused value, as it was given.
         got: usize,
     },
     /// A number of the specification outside its bounds.
     #[error("the LSTM's {name} is {got}, legal are {min} to {max}")]
     Range {
-        /// Which.
+        /// Name of the number, as in the message.
         name: &'static str,
-        /// As given.
+        /// The refused value, as it was given.
         got: f64,
-        /// Smallest legal value.
+        /// Smallest value that is legal, itself included.
         min: f64,
-        /// Largest legal value.
+        /// Largest value that is legal, itself included.
         max: f64,
     },
     /// A tensor of another size.
     #[error("tensor {tensor} has {got} numbers, {wanted} are needed")]
     Length {
-        /// Its name.
+        /// Name of the tensor, as in the file.
         tensor: &'static str,
-        /// As given.
+        /// The refused value, as it was given.
         got: usize,
         /// 4H x 2 etc.
         wanted: usize,
@@ -161,11 +161,11 @@ pub enum LstmError {
         limit = LstmWeights::MAX_MAGNITUDE
     )]
     Magnitude {
-        /// Its name.
+        /// Name of the tensor, as in the file.
         tensor: &'static str,
-        /// Place, row by row.
+        /// Index, row by row from 0.
         index: usize,
-        /// The parameter.
+        /// The number that is refused.
         got: f64,
     },
     /// Trained at another step.
@@ -186,9 +186,9 @@ pub enum LstmError {
          that: train on normalised displacements"
     )]
     LoopScale {
-        /// Of the network.
+        /// What the network was trained for.
         got: f64,
-        /// Of the loop.
+        /// What the loop has.
         wanted: f64,
     },
 }
@@ -241,7 +241,7 @@ impl LstmWeights {
         &self.spec
     }
 
-    /// The numbers.
+    /// The numbers of all its tensors.
     #[must_use]
     pub const fn tensors(&self) -> &LstmTensors {
         &self.tensors

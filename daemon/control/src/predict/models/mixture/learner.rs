@@ -3,17 +3,17 @@
 //! The same function serves the daemon's learner thread, replay and the tables.
 
 use crate::pen::TARGET_RMS;
-use crate::predict::Seen;
+use crate::predict::PenStep;
 use crate::predict::models::ar_rls::{ArRlsLearner, ArRlsSettings};
 use crate::predict::models::foresight::READ;
 use crate::predict::models::mixture::mixer::{Mixer, MixerRule};
 use crate::predict::models::mixture::parameters::taking_part;
 use crate::predict::models::mixture::readout::{PLANE, RlsReadout, RlsRule};
-use crate::predict::models::mixture::trunk::{ALL, MixtureMemory, PLAIN, Trained, Trunk, is_motion};
-use crate::predict::models::mixture::{EXPERTS, LEADS, MixtureParameters, Path, preview};
+use crate::predict::models::mixture::trunk::{ALL, MixtureMemory, PLAIN, TrainedNetworks, Trunk, is_motion};
+use crate::predict::models::mixture::{EXPERTS, LEADS, MixtureParameters, NodePath, preview};
 use crate::predict::online::{ModelParameters, OnlineModel, WeightsError};
 
-/// How it learns.
+/// How the mixture and its experts learn.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MixtureSettings {
     /// λ of the read-outs, 0.99 to 1.
@@ -73,7 +73,7 @@ impl MixtureLearner {
     /// Invalid settings or parameters, or a network of another kind.
     pub fn new(
         settings: MixtureSettings,
-        trained: impl Into<Trained>,
+        trained: impl Into<TrainedNetworks>,
         parameters: MixtureParameters,
     ) -> Result<Self, WeightsError> {
         settings.validate()?;
@@ -97,7 +97,7 @@ impl MixtureLearner {
 
     /// The mixture's and every expert's summed displacements at the nodes, from the present memory.
     #[must_use]
-    pub fn experts(&self) -> [Path; EXPERTS] {
+    pub fn experts(&self) -> [NodePath; EXPERTS] {
         self.parameters.experts(&self.memory)
     }
 
@@ -113,14 +113,14 @@ impl MixtureLearner {
         }
     }
 
-    fn keep(&mut self, paths: &[Path; EXPERTS]) {
+    fn keep(&mut self, paths: &[NodePath; EXPERTS]) {
         let [constant, _, _, lstm, ..] = *paths;
         self.plain.keep(self.memory.plain(), constant, PLANE);
         if self.trunk.present().lstm {
             self.full.keep(&self.memory.features, lstm, PLANE);
         }
-        if let Some(said) = &self.memory.foresight {
-            self.foresight.keep(&said.read, said.path, said.frame);
+        if let Some(answer) = &self.memory.foresight {
+            self.foresight.keep(&answer.read, answer.path, answer.frame);
         }
         self.mixer.keep(paths);
     }
@@ -131,39 +131,39 @@ impl OnlineModel for MixtureLearner {
     type Memory = MixtureMemory;
 
     fn learn(&mut self, x: [f64; 2]) -> [f64; 2] {
-        self.learn_pen(&Seen::of(x))
+        self.learn_pen(&PenStep::of(x))
     }
 
-    fn learn_pen(&mut self, seen: &Seen) -> [f64; 2] {
-        let x = seen.x;
+    fn learn_pen(&mut self, step: &PenStep) -> [f64; 2] {
+        let x = step.x;
         let predicted = self.expected;
         if is_motion(x) {
             self.show(x);
-            self.mixer.settle(&mut self.parameters.shares, &self.shown);
-            self.plain.settle(&mut self.parameters.plain, &self.shown);
+            self.mixer.resolve(&mut self.parameters.shares, &self.shown);
+            self.plain.resolve(&mut self.parameters.plain, &self.shown);
             if self.trunk.present().lstm {
-                self.full.settle(&mut self.parameters.full, &self.shown);
+                self.full.resolve(&mut self.parameters.full, &self.shown);
             }
             if self.trunk.present().foresight {
-                self.foresight.settle(&mut self.parameters.foresight, &self.shown);
+                self.foresight.resolve(&mut self.parameters.foresight, &self.shown);
             }
             self.ar.learn(x);
             self.parameters.ar = *self.ar.parameters();
         }
-        self.observe_pen(seen);
+        self.observe_pen(step);
         predicted
     }
 
     fn observe(&mut self, x: [f64; 2]) {
-        self.observe_pen(&Seen::of(x));
+        self.observe_pen(&PenStep::of(x));
     }
 
-    fn observe_pen(&mut self, seen: &Seen) {
-        let motion = is_motion(seen.x);
+    fn observe_pen(&mut self, step: &PenStep) {
+        let motion = is_motion(step.x);
         if !motion {
             self.reset_state();
         }
-        self.trunk.observe(&mut self.memory, seen);
+        self.trunk.observe(&mut self.memory, step);
         let paths = self.parameters.experts(&self.memory);
         if motion {
             self.keep(&paths);

@@ -5,7 +5,7 @@
 //! squared error of the summed displacement; ℓ̄ = running mean of the mixture's own, which makes the rule
 //! independent of units, speed and lead. Source: Herbster & Warmuth 1998, "Tracking the best expert".
 
-use crate::predict::models::mixture::{EXPERTS, LEADS, NODE_COUNT, NODES, Path};
+use crate::predict::models::mixture::{EXPERTS, LEADS, NODE_COUNT, NODES, NodePath};
 
 const KEPT: usize = LEADS + 1;
 
@@ -26,7 +26,7 @@ pub(super) struct Mixer {
     rule: MixerRule,
     /// Experts that take part.
     taking_part: [bool; EXPERTS],
-    pending: Box<[[Path; EXPERTS]]>,
+    pending: Box<[[NodePath; EXPERTS]]>,
     newest: usize,
     seen: usize,
     /// ℓ̄ per node \[in the plane, squared\].
@@ -60,7 +60,7 @@ impl Mixer {
     }
 
     /// Judges predictions whose outcome is known; `shown[h − 1]` = the sum of the last h displacements.
-    pub(super) fn settle(&mut self, shares: &mut [[f32; EXPERTS]; NODE_COUNT], shown: &[[f64; 2]; LEADS]) {
+    pub(super) fn resolve(&mut self, shares: &mut [[f32; EXPERTS]; NODE_COUNT], shown: &[[f64; 2]; LEADS]) {
         let nodes = NODES.iter().zip(shares).zip(&mut self.mean).enumerate();
         for (node, ((lead, shares), mean)) in nodes {
             if *lead > self.seen {
@@ -90,7 +90,7 @@ impl Mixer {
     }
 
     /// Keeps a step's predictions until their outcome is known.
-    pub(super) fn keep(&mut self, paths: &[Path; EXPERTS]) {
+    pub(super) fn keep(&mut self, paths: &[NodePath; EXPERTS]) {
         self.newest = (self.newest + 1) % KEPT;
         self.seen = (self.seen + 1).min(KEPT);
         if let Some(slot) = self.pending.get_mut(self.newest) {
@@ -150,7 +150,7 @@ mod tests {
         let even = std::array::from_fn(|e| if e < PART { 1.0 / PART as f32 } else { 0.0 });
         let (mut shares, mut expected) = ([even; NODE_COUNT], [even; NODE_COUNT]);
         let mut means = NODES.map(|node| 4.0 * (node * node) as f64);
-        let (mut kept, mut walked): (Vec<[Path; EXPERTS]>, Vec<[f64; 2]>) = (Vec::new(), Vec::new());
+        let (mut kept, mut walked): (Vec<[NodePath; EXPERTS]>, Vec<[f64; 2]>) = (Vec::new(), Vec::new());
         for k in 0..150 {
             walked.push([rng.random_range(5.0..15.0), rng.random_range(-10.0..10.0)]);
             let last = |steps: usize| {
@@ -158,7 +158,7 @@ mod tests {
                 way.fold([0.0, 0.0], |[x, y], [dx, dy]| [x + dx, y + dy])
             };
             let shown = std::array::from_fn(|h| last(h + 1));
-            mixer.settle(&mut shares, &shown);
+            mixer.resolve(&mut shares, &shown);
             for (node, lead) in NODES.into_iter().enumerate() {
                 let Some(made) = kept.len().checked_sub(lead) else { continue };
                 let [sx, sy] = last(lead);
@@ -187,7 +187,7 @@ mod tests {
                 assert!((found - expected).abs() < 1e-5, "{k}: {found} {expected}");
             }
             // Experts whose error grows with their number; sometimes one is NaN.
-            let paths: [Path; EXPERTS] = std::array::from_fn(|e| {
+            let paths: [NodePath; EXPERTS] = std::array::from_fn(|e| {
                 NODES.map(|node| {
                     let size = (e + 1) as f64 * node as f64;
                     let bad = if k % 17 == 0 && e == 1 { f64::NAN } else { 0.0 };

@@ -34,18 +34,18 @@ use crate::state::state;
 
 pub use learner::{MixtureLearner, MixtureSettings};
 pub use parameters::MixtureParameters;
-pub use trunk::{MixtureMemory, Present, Trained, Trunk, is_motion};
+pub use trunk::{MixtureMemory, Present, TrainedNetworks, Trunk, is_motion};
 
 use crate::pen::TARGET_RMS;
 use crate::predict::models::lstm::FADE;
 use crate::predict::online::{ModelParameters, WeightsError};
-use crate::predict::{Entry, Models, Pace, Predictor, Seen, Taught, shortened};
+use crate::predict::{Entry, Models, OnlinePredictor, Pace, PenStep, Predictor, shortened};
 
 pub(super) const ENTRY: Entry = Entry::taught::<Mixture>("learns online which of its experts to believe");
 
 /// Leads that are learned \[steps\]; those between are interpolated, those beyond decay.
 pub const NODES: [usize; NODE_COUNT] = [1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 14, 16, 18, 20, 22, 24];
-/// How many.
+/// How many there are.
 pub const NODE_COUNT: usize = 16;
 /// The farthest of them, and the number of direct outputs that the LSTM must have.
 pub const LEADS: usize = 24;
@@ -55,7 +55,7 @@ pub const EXPERTS: usize = 8;
 pub const GATE: f64 = 7.0 * TARGET_RMS;
 
 /// Summed displacements at the nodes (normalised): the future positions relative to the present one.
-pub(in crate::predict) type Path = [[f64; 2]; NODE_COUNT];
+pub(in crate::predict) type NodePath = [[f64; 2]; NODE_COUNT];
 
 /// The predictor: trunk, memory and parameters.
 #[derive(Debug, Clone)]
@@ -73,19 +73,22 @@ impl Mixture {
     /// # Errors
     ///
     /// Invalid parameters, or an LSTM with other than [`LEADS`] direct outputs.
-    pub fn new(trained: impl Into<Trained>, parameters: MixtureParameters) -> Result<Self, WeightsError> {
+    pub fn new(
+        trained: impl Into<TrainedNetworks>,
+        parameters: MixtureParameters,
+    ) -> Result<Self, WeightsError> {
         parameters.validate()?;
         Ok(Self { trunk: Trunk::new(trained.into())?, memory: MixtureMemory::EMPTY, parameters })
     }
 
-    /// The memory.
+    /// What it remembers of the pen.
     #[must_use]
     pub fn memory(&self) -> &MixtureMemory {
         &self.memory
     }
 }
 
-impl Taught for Mixture {
+impl OnlinePredictor for Mixture {
     const NAME: &'static str = "mixture";
     const PACE: Pace = Pace::Following;
     type Learner = MixtureLearner;
@@ -116,11 +119,11 @@ impl Taught for Mixture {
 
 impl Predictor for Mixture {
     fn observe(&mut self, x: [f64; 2]) {
-        self.observe_pen(&Seen::of(x));
+        self.observe_pen(&PenStep::of(x));
     }
 
-    fn observe_pen(&mut self, seen: &Seen) {
-        self.trunk.observe(&mut self.memory, seen);
+    fn observe_pen(&mut self, step: &PenStep) {
+        self.trunk.observe(&mut self.memory, step);
     }
 
     fn preview_within(&self, limit: f64, out: &mut [[f64; 2]]) {
@@ -133,9 +136,9 @@ impl Predictor for Mixture {
 }
 
 /// The networks of the mixture.
-fn trained(models: &Models) -> Trained {
+fn trained(models: &Models) -> TrainedNetworks {
     let networks = models.networks();
-    Trained { lstm: networks.mixture.clone(), foresight: networks.foresight.clone() }
+    TrainedNetworks { lstm: networks.mixture.clone(), foresight: networks.foresight.clone() }
 }
 
 /// Displacement per step of the mixture, none longer than `limit`.
@@ -145,7 +148,7 @@ fn preview(parameters: &MixtureParameters, memory: &MixtureMemory, limit: f64, o
 }
 
 /// Displacements per step along `path`: constant between nodes, decaying beyond the last.
-fn steps_of(path: &Path, limit: f64, out: &mut [[f64; 2]]) {
+fn steps_of(path: &NodePath, limit: f64, out: &mut [[f64; 2]]) {
     let mut out = out.iter_mut();
     let mut before = [0.0; 2];
     let mut reached = 0;

@@ -4,9 +4,9 @@ use crate::pen::TARGET_RMS;
 use crate::predict::ArRlsWeights;
 use crate::predict::models::ar_rls;
 use crate::predict::models::foresight::{READ, turned_back};
-use crate::predict::models::mixture::readout::Readout;
+use crate::predict::models::mixture::readout::NodeReadout;
 use crate::predict::models::mixture::trunk::{ALL, MixtureMemory, PLAIN, Present};
-use crate::predict::models::mixture::{EXPERTS, LEADS, NODE_COUNT, NODES, Path};
+use crate::predict::models::mixture::{EXPERTS, LEADS, NODE_COUNT, NODES, NodePath};
 use crate::predict::online::{ModelParameters, WeightsError};
 use crate::state::state;
 
@@ -18,11 +18,11 @@ pub struct MixtureParameters {
     /// Coefficients of the autoregressive expert; also Δ.
     pub ar: ArRlsWeights,
     /// Read-out of FIFO and reservoir, added to constant velocity.
-    pub(super) plain: Readout<PLAIN>,
+    pub(super) plain: NodeReadout<PLAIN>,
     /// Read-out of all features, added to the LSTM.
-    pub(super) full: Readout<ALL>,
+    pub(super) full: NodeReadout<ALL>,
     /// Read-out of the last layer of `foresight`, added to it, in the frame of motion.
-    pub(super) foresight: Readout<READ>,
+    pub(super) foresight: NodeReadout<READ>,
     /// Weight of each expert at each node; a row sums to 1.
     pub(super) shares: [[f32; EXPERTS]; NODE_COUNT],
     /// Which networks' experts take part.
@@ -46,9 +46,9 @@ impl MixtureParameters {
         Self {
             version: 0,
             ar: ArRlsWeights::constant_velocity(step_ns),
-            plain: Readout::ZERO,
-            full: Readout::ZERO,
-            foresight: Readout::ZERO,
+            plain: NodeReadout::ZERO,
+            full: NodeReadout::ZERO,
+            foresight: NodeReadout::ZERO,
             shares: [shares; NODE_COUNT],
             present,
         }
@@ -72,8 +72,7 @@ impl MixtureParameters {
         }
     }
 
-    /// Every expert's path.
-    pub(super) fn experts(&self, memory: &MixtureMemory) -> [Path; EXPERTS] {
+    pub(super) fn experts(&self, memory: &MixtureMemory) -> [NodePath; EXPERTS] {
         let [x, y] = memory.newest();
         let constant = NODES.map(|node| [x * node as f64, y * node as f64]);
         let mut steps = [[0.0; 2]; LEADS];
@@ -85,9 +84,9 @@ impl MixtureParameters {
             _ => [constant; 2],
         };
         let [foresight, corrected] = match &memory.foresight {
-            Some(said) if self.present.foresight => {
-                let turned = self.foresight.of(&said.read).map(|way| turned_back(said.frame, way));
-                [said.path, sum(&said.path, &turned)]
+            Some(answer) if self.present.foresight => {
+                let turned = self.foresight.of(&answer.read).map(|way| turned_back(answer.frame, way));
+                [answer.path, sum(&answer.path, &turned)]
             }
             _ => [constant; 2],
         };
@@ -95,7 +94,7 @@ impl MixtureParameters {
     }
 
     /// The weighted mean of the experts.
-    pub(super) fn mix(&self, paths: &[Path; EXPERTS]) -> Path {
+    pub(super) fn mix(&self, paths: &[NodePath; EXPERTS]) -> NodePath {
         let mut mixed = [[0.0; 2]; NODE_COUNT];
         for (node, (out, shares)) in mixed.iter_mut().zip(&self.shares).enumerate() {
             for (path, share) in paths.iter().zip(shares) {
@@ -123,7 +122,7 @@ pub(super) fn taking_part(present: Present) -> [bool; EXPERTS] {
     [true, true, true, lstm, lstm, foresight, foresight, lstm && foresight]
 }
 
-fn sum(a: &Path, b: &Path) -> Path {
+fn sum(a: &NodePath, b: &NodePath) -> NodePath {
     let mut out = *a;
     for (out, b) in out.as_flattened_mut().iter_mut().zip(b.as_flattened()) {
         *out += b;
@@ -131,7 +130,7 @@ fn sum(a: &Path, b: &Path) -> Path {
     out
 }
 
-fn mean(a: &Path, b: &Path) -> Path {
+fn mean(a: &NodePath, b: &NodePath) -> NodePath {
     sum(a, b).map(|way| way.map(|x| 0.5 * x))
 }
 

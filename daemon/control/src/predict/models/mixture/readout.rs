@@ -6,7 +6,7 @@
 
 use crate::predict::models::covariance::Covariance;
 use crate::predict::models::foresight::turned;
-use crate::predict::models::mixture::{LEADS, NODE_COUNT, NODES, Path};
+use crate::predict::models::mixture::{LEADS, NODE_COUNT, NODES, NodePath};
 use crate::state::state;
 
 /// Two numbers per node.
@@ -22,17 +22,17 @@ const TYPICAL_CAP: f64 = 3.0;
 
 /// W, D x OUTPUTS; single precision, to halve the memory traffic and the hand-over.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Readout<const D: usize> {
+pub(super) struct NodeReadout<const D: usize> {
     pub(super) rows: [[f32; OUTPUTS]; D],
 }
 
-state! { [const D: usize] Readout<D> { rows } }
+state! { [const D: usize] NodeReadout<D> { rows } }
 
-impl<const D: usize> Readout<D> {
+impl<const D: usize> NodeReadout<D> {
     pub(super) const ZERO: Self = Self { rows: [[0.0; OUTPUTS]; D] };
 
     /// φᵀ W, per node \[per axis\].
-    pub(super) fn of(&self, features: &[f32; D]) -> Path {
+    pub(super) fn of(&self, features: &[f32; D]) -> NodePath {
         let mut sums = [0.0_f32; OUTPUTS];
         for (row, feature) in self.rows.iter().zip(features) {
             for (sum, w) in sums.iter_mut().zip(row) {
@@ -79,9 +79,9 @@ pub(super) const PLANE: [f64; 2] = [1.0, 0.0];
 /// How a read-out learns.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct RlsRule {
-    /// λ.
+    /// λ, the forgetting per step.
     pub(super) forgetting: f64,
-    /// P₀ = start·I.
+    /// P₀ = start·I, the covariance at start.
     pub(super) start: f64,
     /// P forgets while its mean diagonal is below this many P₀.
     pub(super) ceiling: f64,
@@ -89,12 +89,11 @@ pub(super) struct RlsRule {
     pub(super) huber: f64,
 }
 
-/// One pending step.
 #[derive(Debug, Clone, Copy)]
 struct Pending<const D: usize> {
     features: [f32; D],
     gain: [f32; D],
-    base: Path,
+    base: NodePath,
     frame: [f64; 2],
 }
 
@@ -138,7 +137,7 @@ impl<const D: usize> RlsReadout<D> {
 
     /// Corrects `readout` by targets that are now known; `shown[h − 1]` = the sum of the last h
     /// displacements.
-    pub(super) fn settle(&mut self, readout: &mut Readout<D>, shown: &[[f64; 2]; LEADS]) {
+    pub(super) fn resolve(&mut self, readout: &mut NodeReadout<D>, shown: &[[f64; 2]; LEADS]) {
         for (node, (lead, typical)) in NODES.iter().zip(&mut self.typical).enumerate() {
             if *lead > self.seen {
                 return;
@@ -162,7 +161,7 @@ impl<const D: usize> RlsReadout<D> {
     }
 
     /// Keeps a step until its targets are known; the read-out speaks in `frame` (cosine and sine of its x).
-    pub(super) fn keep(&mut self, features: &[f32; D], base: Path, frame: [f64; 2]) {
+    pub(super) fn keep(&mut self, features: &[f32; D], base: NodePath, frame: [f64; 2]) {
         self.newest = (self.newest + 1) % KEPT;
         self.seen = (self.seen + 1).min(KEPT);
         let gain = self.gain(features);
@@ -219,7 +218,7 @@ mod tests {
     #[test]
     fn every_lead_learns_by_recursive_least_squares_of_its_own() {
         const STEPS: usize = 300;
-        let mut readout = Readout::<3>::ZERO;
+        let mut readout = NodeReadout::<3>::ZERO;
         let mut learner = RlsReadout::new(RULE);
         let mut shown = [[0.0; 2]; LEADS];
         for t in 0..STEPS {
@@ -229,7 +228,7 @@ mod tests {
                 shown.rotate_right(1);
                 shown[0] = [0.0; 2];
                 shown.iter_mut().for_each(|[a, b]| (*a, *b) = (*a + x, *b + y));
-                learner.settle(&mut readout, &shown);
+                learner.resolve(&mut readout, &shown);
             }
             learner.keep(&step(t).0, [[0.0; 2]; NODE_COUNT], PLANE);
         }

@@ -9,10 +9,10 @@ use std::sync::Arc;
 use crate::pen::TARGET_RMS;
 use crate::predict::models::ar_rls::{ArRlsState, REGRESSORS};
 use crate::predict::models::esn::{Reservoir, ReservoirSettings, ReservoirState, UNITS};
-use crate::predict::models::foresight::{Foreseen, Foresight, ForesightWeights, History};
+use crate::predict::models::foresight::{Foreseen, Foresight, ForesightWeights, PenHistory};
 use crate::predict::models::lstm::MAX_HIDDEN;
-use crate::predict::models::mixture::{GATE, LEADS, NODES, Path};
-use crate::predict::{Lstm, LstmWeights, Predictor, Seen, WeightsError};
+use crate::predict::models::mixture::{GATE, LEADS, NODES, NodePath};
+use crate::predict::{Lstm, LstmWeights, PenStep, Predictor, WeightsError};
 
 /// Features that need no training: FIFO and reservoir.
 pub(super) const PLAIN: usize = REGRESSORS + UNITS;
@@ -32,23 +32,22 @@ pub struct MixtureMemory {
     /// φ: FIFO, reservoir, cells.
     pub(super) features: [f32; ALL],
     /// The LSTM's prediction, summed up to each node; absent without an LSTM.
-    pub(super) lstm: Option<Path>,
+    pub(super) lstm: Option<NodePath>,
     /// What `foresight` sees.
-    history: History,
-    /// What it said; absent without it.
+    history: PenHistory,
+    /// Its output; absent without it.
     pub(super) foresight: Option<Foreseen>,
 }
 
 state! { [] MixtureMemory { recent, reservoir, features, lstm, history, foresight } }
 
 impl MixtureMemory {
-    /// Nothing seen yet.
     pub(super) const EMPTY: Self = Self {
         recent: ArRlsState { recent: [[0.0; 2]; REGRESSORS / 2] },
         reservoir: [0.0; UNITS],
         features: [0.0; ALL],
         lstm: None,
-        history: History::EMPTY,
+        history: PenHistory::EMPTY,
         foresight: None,
     };
 
@@ -67,14 +66,14 @@ impl MixtureMemory {
 
 /// Networks trained offline; those that are absent leave their experts out.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Trained {
+pub struct TrainedNetworks {
     /// With [`LEADS`] direct outputs.
     pub lstm: Option<Arc<LstmWeights>>,
     /// The network that sees contact, direction and time.
     pub foresight: Option<Arc<ForesightWeights>>,
 }
 
-impl From<Option<Arc<LstmWeights>>> for Trained {
+impl From<Option<Arc<LstmWeights>>> for TrainedNetworks {
     fn from(lstm: Option<Arc<LstmWeights>>) -> Self {
         Self { lstm, foresight: None }
     }
@@ -83,7 +82,7 @@ impl From<Option<Arc<LstmWeights>>> for Trained {
 /// Which of them are there.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Present {
-    /// The LSTM.
+    /// The LSTM takes part as an expert.
     pub lstm: bool,
     /// The network that sees contact, direction and time.
     pub foresight: bool,
@@ -97,8 +96,8 @@ impl From<bool> for Present {
     }
 }
 
-impl From<&Trained> for Present {
-    fn from(trained: &Trained) -> Self {
+impl From<&TrainedNetworks> for Present {
+    fn from(trained: &TrainedNetworks) -> Self {
         Self { lstm: trained.lstm.is_some(), foresight: trained.foresight.is_some() }
     }
 }
@@ -119,8 +118,8 @@ impl Trunk {
     /// # Errors
     ///
     /// An LSTM with fewer or more than [`LEADS`] outputs.
-    pub fn new(trained: Trained) -> Result<Self, WeightsError> {
-        let Trained { lstm, foresight } = trained;
+    pub fn new(trained: TrainedNetworks) -> Result<Self, WeightsError> {
+        let TrainedNetworks { lstm, foresight } = trained;
         if let Some(lstm) = &lstm {
             let leads = lstm.spec().leads as f64;
             WeightsError::bounded("mixture", "leads of the LSTM", leads, LEADS as f64, LEADS as f64)?;
@@ -138,17 +137,17 @@ impl Trunk {
 
     /// Takes in one step; a jump (or NaN) clears the memory and counts as
     /// rest, as in training.
-    pub fn observe(&mut self, memory: &mut MixtureMemory, seen: &Seen) {
-        if is_motion(seen.x) {
-            self.take_in(memory, seen);
+    pub fn observe(&mut self, memory: &mut MixtureMemory, step: &PenStep) {
+        if is_motion(step.x) {
+            self.take_in(memory, step);
         } else {
             self.reset(memory);
-            self.take_in(memory, &Seen { touch: seen.touch, ..Seen::of([0.0; 2]) });
+            self.take_in(memory, &PenStep { touch: step.touch, ..PenStep::of([0.0; 2]) });
         }
     }
 
-    fn take_in(&mut self, memory: &mut MixtureMemory, seen: &Seen) {
-        let x = seen.x;
+    fn take_in(&mut self, memory: &mut MixtureMemory, step: &PenStep) {
+        let x = step.x;
         memory.recent.observe(x);
         self.reservoir.observe(&mut memory.reservoir, x);
         let fifo = memory.recent.recent.as_flattened().iter().map(|x| x * FIFO_UNIT);
@@ -157,7 +156,7 @@ impl Trunk {
             *feature = value as f32;
         }
         if let Some(foresight) = &self.foresight {
-            memory.history.observe(seen);
+            memory.history.observe(step);
             memory.foresight = Some(foresight.foresee(&memory.history));
         }
         let Some(lstm) = &mut self.lstm else { return };
@@ -170,7 +169,7 @@ impl Trunk {
         memory.lstm = Some(summed(&steps));
     }
 
-    /// Clears the memory.
+    /// Clears what is remembered of the pen.
     pub fn reset(&mut self, memory: &mut MixtureMemory) {
         *memory = MixtureMemory::EMPTY;
         if let Some(lstm) = &mut self.lstm {
@@ -190,7 +189,7 @@ pub fn is_motion(x: [f64; 2]) -> bool {
 }
 
 /// Sums of displacements up to each node.
-pub(super) fn summed(steps: &[[f64; 2]; LEADS]) -> Path {
+pub(super) fn summed(steps: &[[f64; 2]; LEADS]) -> NodePath {
     let [mut x, mut y] = [0.0; 2];
     let mut sums = [[0.0; 2]; LEADS];
     for (sum, [dx, dy]) in sums.iter_mut().zip(steps) {

@@ -1,0 +1,218 @@
+//! The preview in force: as predicted, and as followed after refinement.
+//!
+//! Contract: fixed size, no allocation, total. Positions in the plane frame \[m\].
+
+use super::{REFINED_LEADS, Refinement, Refiner};
+use crate::pen::PenReading;
+use crate::predict::bands::PreviewBands;
+use crate::predict::{MAX_PREVIEW, PreviewReport, Previewer};
+use crate::state::state;
+use crate::units::Stamp;
+
+/// The newest preview, kept between grid steps, because most ticks close none.
+#[derive(Debug, Clone)]
+pub(crate) struct RefinedPreview {
+    step_ns: u64,
+    /// Capacity in steps, and steps of the newest preview.
+    most: usize,
+    steps: usize,
+    /// Displacement that led to entry 0 of `path` \[m per step\].
+    pub(crate) velocity: [f64; 2],
+    /// Entry 0 is the newest closed grid point, entry i the predicted position i steps later.
+    path: [[f64; 2]; MAX_PREVIEW + 1],
+    /// The path to be followed: the same, corrected by samples newer than entry 0 and shrunk to its shares.
+    /// Entry 0 is then the newest sample, `origin` steps after the base; 0 if the preview is used as it is.
+    used: [[f64; 2]; MAX_PREVIEW + 1],
+    pub(crate) origin: f64,
+    /// The sample up to which `used` is refined, and whether per step.
+    refined: Option<(Stamp, bool)>,
+    /// The newest closed grid point when it was made; `None` before the first.
+    pub(crate) base: Option<Stamp>,
+    /// The predictor's output was finite.
+    pub(crate) finite: bool,
+    bands: Option<PreviewBands>,
+}
+
+state! {
+    [] RefinedPreview { steps, velocity, path, used, origin, refined, base, finite, bands }
+    fixed { step_ns, most }
+}
+
+impl RefinedPreview {
+    /// Up to `steps` ≤ [`MAX_PREVIEW`] predicted steps of `step_ns`.
+    pub(crate) fn new(step_ns: u64, steps: usize) -> Self {
+        Self {
+            step_ns,
+            most: steps.min(MAX_PREVIEW),
+            steps: steps.min(MAX_PREVIEW),
+            velocity: [0.0; 2],
+            path: [[0.0; 2]; MAX_PREVIEW + 1],
+            used: [[0.0; 2]; MAX_PREVIEW + 1],
+            origin: 0.0,
+            refined: None,
+            base: None,
+            finite: true,
+            bands: None,
+        }
+    }
+
+    /// Computes the preview again, `steps` far if there is room.
+    pub(crate) fn refresh(&mut self, previewer: &Previewer, steps: usize) {
+        self.steps = steps.min(self.most);
+        let Some((first, rest)) = self.path.split_first_mut() else { return };
+        let Some(predicted) = rest.get_mut(..self.steps) else { return };
+        if let Some(PreviewReport { base_index, base_position, finite, bands, .. }) =
+            previewer.preview(predicted)
+        {
+            *first = base_position;
+            self.velocity = previewer.newest().map_or([0.0; 2], |step| step.displacement);
+            self.base = Some(Stamp(base_index.saturating_mul(self.step_ns)));
+            self.finite = finite;
+            self.bands = Some(bands);
+            self.take_as_it_is();
+            self.refined = None;
+        }
+    }
+
+    /// Corrects the preview by `newest` and shrinks it to `shares` per lead; without shares it is used as it
+    /// is. Returns the refinement, if it is new and belongs to the preview.
+    pub(crate) fn refine(
+        &mut self,
+        newest: &PenReading,
+        refiner: &Refiner,
+        shares: Option<&[f64; REFINED_LEADS]>,
+    ) -> Option<Refinement> {
+        let base = self.base?;
+        let seen = Some((newest.stamp, shares.is_some()));
+        if self.refined == seen {
+            return None;
+        }
+        self.refined = seen;
+        let phase = newest.stamp.since(base) as f64 / self.step_ns as f64;
+        if phase >= refiner.latest_phase() {
+            self.used = [newest.position; MAX_PREVIEW + 1];
+            self.origin = 0.0;
+            return None;
+        }
+        if !(phase >= 0.0) {
+            self.take_as_it_is();
+            return None;
+        }
+        let refinement = refiner.refinement(newest.position, phase, self.expected(phase));
+        let Some(shares) = shares else {
+            self.take_as_it_is();
+            return Some(refinement);
+        };
+        let moved = self.used.iter_mut().zip(&self.path).take(self.steps + 1);
+        for (lead, (used, predicted)) in moved.enumerate().skip(1) {
+            let share = shares.get(lead.min(REFINED_LEADS) - 1).copied().unwrap_or(0.0);
+            *used = refiner.refined(&refinement, lead, *predicted, share);
+        }
+        let [first, ..] = &mut self.used;
+        *first = newest.position;
+        self.origin = phase;
+        Some(refinement)
+    }
+
+    fn take_as_it_is(&mut self) {
+        self.used = self.path;
+        self.origin = 0.0;
+    }
+
+    /// The preview `phase` steps after its base: on the parabola through the point before the base, the base
+    /// and the first predicted point, so that a predicted curve causes no innovation.
+    fn expected(&self, phase: f64) -> [f64; 2] {
+        let [[x0, y0], [x1, y1], ..] = self.path;
+        let [dx, dy] = self.velocity;
+        let along = |before: f64, here: f64, next: f64| {
+            here + phase * (0.5 * (next - before) + phase * (0.5 * (next + before) - here))
+        };
+        [along(x0 - dx, x0, x1), along(y0 - dy, y0, y1)]
+    }
+
+    /// Position there \[m\].
+    pub(crate) fn base_position(&self) -> [f64; 2] {
+        let [base, ..] = self.path;
+        base
+    }
+
+    /// The predicted positions \[m\] as the predictor gave them, the first one step after the base.
+    pub(crate) fn predicted(&self) -> &[[f64; 2]] {
+        self.path.get(1..=self.steps).unwrap_or_default()
+    }
+
+    /// The path to be followed \[m\]: the pen at `origin` steps after the base, then its expected
+    /// position at each step.
+    pub(crate) fn followed(&self) -> &[[f64; 2]] {
+        self.used.get(..=self.steps).unwrap_or_default()
+    }
+
+    /// Displacement predicted for the step after the newest closed one \[m\].
+    pub(crate) fn next_displacement(&self) -> Option<[f64; 2]> {
+        self.base?;
+        let [[x0, y0], [x1, y1], ..] = self.path;
+        Some([x1 - x0, y1 - y0])
+    }
+
+    /// Radius \[m\] around the predicted point `lead` steps after the base within which the pen is expected
+    /// in nine of ten cases, if known.
+    pub(crate) fn band(&self, lead: f64) -> Option<f64> {
+        self.bands?.at(lead)
+    }
+
+    /// From the base to `ns` after `now` \[steps\].
+    pub(crate) fn lead(&self, now: Stamp, ns: u64) -> Option<f64> {
+        Some((now.since(self.base?) as f64 + ns as f64) / self.step_ns as f64)
+    }
+
+    /// Grid step \[s\].
+    pub(crate) fn step_s(&self) -> f64 {
+        self.step_ns as f64 * 1e-9
+    }
+}
+
+#[cfg(test)]
+impl RefinedPreview {
+    /// One of `points` \[m\] from the base at `base` on, used as it is.
+    pub(crate) fn of(step_ns: u64, base: Stamp, points: &[[f64; 2]]) -> Self {
+        let mut preview = Self::new(step_ns, points.len() - 1);
+        preview.path[..points.len()].copy_from_slice(points);
+        preview.base = Some(base);
+        preview.take_as_it_is();
+        preview
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn preview_from_before_a_pause_says_nothing_of_what_comes_after() {
+        let points: [[f64; 2]; 41] = std::array::from_fn(|i| [0.001 * i as f64, -0.002 * i as f64]);
+        for shares in [None, Some(&[1.0; REFINED_LEADS])] {
+            let mut preview = RefinedPreview::of(10_000_000, Stamp(1_000_000_000), &points);
+            let refiner = Refiner::new(0.01);
+            let after = PenReading::new(Stamp(1_150_000_000), [0.05, 0.02], true);
+            assert!(preview.refine(&after, &refiner, shares).is_none());
+            assert!(preview.followed().iter().all(|point| *point == after.position));
+        }
+    }
+
+    #[test]
+    fn a_sample_refines_once_and_moves_what_is_followed_from_there_on() {
+        let points: [[f64; 2]; 21] = std::array::from_fn(|i| [0.001 * i as f64, 0.0]);
+        let mut preview = RefinedPreview::of(10_000_000, Stamp(1_000_000_000), &points);
+        let mut refiner = Refiner::new(0.01);
+        let sample = PenReading::new(Stamp(1_004_000_000), [0.0005, 0.0001], true);
+        refiner.observe(sample.stamp, sample.position);
+        assert!(preview.refine(&sample, &refiner, Some(&[0.5; REFINED_LEADS])).is_some());
+        assert!(preview.refine(&sample, &refiner, Some(&[0.5; REFINED_LEADS])).is_none());
+        assert_eq!(preview.followed().first(), Some(&sample.position));
+        assert!((preview.origin - 0.4).abs() < 1e-12);
+        // Used as it is again, with the same sample.
+        assert!(preview.refine(&sample, &refiner, None).is_some());
+        assert_eq!(preview.followed(), &points);
+        assert_eq!(preview.origin, 0.0);
+    }
+}
