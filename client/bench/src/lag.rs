@@ -12,7 +12,7 @@ use serde::Serialize;
 use crate::workload::{J, Workload};
 use crate::{CostQuantiles, cost, elapsed_us};
 
-/// CostQuantiles per tick \[µs\].
+/// Cost per tick \[µs\].
 #[derive(Debug, Clone, Copy, Serialize)]
 pub struct LagCost {
     #[serde(flatten)]

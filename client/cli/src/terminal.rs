@@ -51,7 +51,7 @@ pub(crate) fn read_lines(
     })
 }
 
-/// TypedKeys of the terminal behind stdin.
+/// Keys of the terminal behind stdin.
 pub(crate) struct TypedKeys {
     input: File,
     before: Termios,

@@ -45,7 +45,7 @@ struct Sent {
     pen_stamp: Option<Stamp>,
 }
 
-/// IntervalMedian commands and recent latencies.
+/// Recent commands and recent latencies.
 #[derive(Debug)]
 pub struct ChainWatch {
     sent: VecDeque<Sent>,

@@ -120,7 +120,7 @@ impl OpenRequests {
         self.context = context;
     }
 
-    /// OpenRequests answered so far, and how many of them with a refusal.
+    /// Requests answered so far, and how many of them with a refusal.
     #[must_use]
     pub const fn counts(&self) -> (u64, u64) {
         (self.answered, self.refused)
@@ -182,7 +182,7 @@ impl OpenRequests {
     fn ask_loop(&mut self, request: Request, asker: Asker, rings: &mut IpcRings) -> Result<(), Asker> {
         let token = self.next_token;
         let stamp = monotonic_now_ns();
-        // OpenRequests of the supervisor are sent now; what little an operator's clock is ahead is taken off.
+        // Requests of the supervisor are sent now; what little an operator's clock is ahead is taken off.
         let sent = match &asker {
             Asker::Operator(call) => call.request.sent_ns.min(stamp),
             Asker::Settings(_) => stamp,

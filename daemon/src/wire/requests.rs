@@ -90,7 +90,7 @@ pub const fn refusal(refusal: Refusal) -> (ControlStatus, &'static str) {
         ),
         Refusal::NotFollowing => (
             ControlStatus::NotFollowing,
-            "the arm is not where it was text to be, or moves by itself: find out why, then disarm and arm \
+            "the arm is not where it was commanded to be, or moves by itself: find out why, then disarm and arm \
              again",
         ),
         Refusal::AlreadyArmed => (ControlStatus::WrongMode, "the loop is armed already"),

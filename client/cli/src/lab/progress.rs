@@ -1,4 +1,4 @@
-//! StepProgress of a long command and the time left: always on stderr, never in the result.
+//! Progress of a long command and the time left: always on stderr, never in the result.
 //!
 //! Contract: a bar in place on a terminal, else a line every ten seconds, also while a single step lasts
 //! longer. Steps may come from any thread. Prints nothing for a command that ends within ten seconds, and

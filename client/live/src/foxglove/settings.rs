@@ -12,7 +12,7 @@ use crate::LiveError;
 use crate::source::{LiveSource, SourceMessage, Wants};
 
 const AGAIN: Duration = Duration::from_secs(5);
-/// Longest wait at a slot where nothing comes.
+/// Longest wait for settings that do not come.
 const PATIENCE: Duration = Duration::from_secs(2);
 
 /// Receives them once, then again whenever they are wanted.

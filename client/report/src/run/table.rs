@@ -42,7 +42,7 @@ pub(super) const fn at(at: &'static str, value: Option<f64>) -> ReportedFigure {
     ReportedFigure { at, value }
 }
 
-/// The arm. ScoredPart together with its ghost where one ran, else from the records of arm and pen alone.
+/// The arm. Scored together with its ghost where one ran, else from the records of arm and pen alone.
 pub(super) fn arm(figures: &RunFigures) -> Option<Against> {
     figures.tracking.as_ref().map(|score| Against {
         rms_m: at("/tracking/rms_m", Some(score.rms_m)),

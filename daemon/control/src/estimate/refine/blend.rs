@@ -158,7 +158,7 @@ mod tests {
         [rng.random_range(-size..size), rng.random_range(-size..size)]
     }
 
-    /// BlendTerms of ordinary motion and an error that follows `weights` plus noise.
+    /// Terms of ordinary motion and an error that follows `weights` plus noise.
     fn case(rng: &mut Pcg64, ahead: f64, weights: [f64; TERMS], noise: f64) -> (BlendTerms, [f64; 2]) {
         let sizes = [30.0, 4.0, 12.0 * ahead, 2.5 * ahead * ahead];
         let terms = sizes.map(|size| random(rng, size));

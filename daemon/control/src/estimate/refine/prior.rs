@@ -17,7 +17,7 @@ pub const LARGEST_COEFFICIENT: f64 = 4.0;
 /// Shortest and longest reach of a part \[steps\].
 pub const LEGAL_REACH: [f64; 2] = [0.01, 1000.0];
 
-/// CurveShape of a part as a function of x = steps ahead / reach.
+/// Shape of a part as a function of x = steps ahead / reach.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum CurveShape {
     /// e^(−x): 1 at the sample, 0 after a few reaches.
