@@ -4,9 +4,9 @@
 //! from the posture given. The solution is the one nearest to that posture, as steps of least squares lead to
 //! it.
 
-use foretrace_ur::bridge::kinematics::DhParameters;
 use nalgebra::{Cholesky, Isometry3, Matrix6, UnitQuaternion, Vector6};
 
+use super::kinematics::ArmDh;
 use super::pose::{frame, pose};
 
 /// Steps of the search.
@@ -20,14 +20,14 @@ const REACHED: f64 = 1e-8;
 
 /// Joints \[rad\] near `near` for which the tool, `tcp` from the flange, is at `wanted`.
 #[must_use]
-pub fn joints_for(dh: &DhParameters, tcp: &[f64; 6], wanted: &[f64; 6], near: &[f64; 6]) -> Option<[f64; 6]> {
+pub fn joints_for(dh: &ArmDh, tcp: &[f64; 6], wanted: &[f64; 6], near: &[f64; 6]) -> Option<[f64; 6]> {
     search(dh, tcp, wanted, near, &mut 0)
 }
 
 /// The same; counts the steps that it takes.
 #[must_use]
 pub fn search(
-    dh: &DhParameters,
+    dh: &ArmDh,
     tcp: &[f64; 6],
     wanted: &[f64; 6],
     near: &[f64; 6],
@@ -63,7 +63,7 @@ pub fn search(
 }
 
 /// From the tool at `q` to `wanted`: position \[m\] and rotation vector \[rad\], in the base frame.
-fn off(dh: &DhParameters, tcp: &[f64; 6], wanted: &[f64; 6], q: &[f64; 6]) -> Vector6<f64> {
+fn off(dh: &ArmDh, tcp: &[f64; 6], wanted: &[f64; 6], q: &[f64; 6]) -> Vector6<f64> {
     let (at, to) = (dh.flange(q) * frame(tcp), frame(wanted));
     let way = to.translation.vector - at.translation.vector;
     let turn = (to.rotation * at.rotation.inverse()).scaled_axis();
@@ -73,7 +73,7 @@ fn off(dh: &DhParameters, tcp: &[f64; 6], wanted: &[f64; 6], q: &[f64; 6]) -> Ve
 /// The path of `movel`: the tool's position along a straight line, its rotation about one axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Straight {
-    dh: DhParameters,
+    dh: ArmDh,
     tcp: [f64; 6],
     from: Isometry3<f64>,
     /// Position \[m\] and rotation vector \[rad\] from the beginning to the end, in the base frame.
@@ -83,7 +83,7 @@ pub struct Straight {
 impl Straight {
     /// From where `q` has the tool to `to`.
     #[must_use]
-    pub fn new(dh: DhParameters, tcp: [f64; 6], q: &[f64; 6], to: &[f64; 6]) -> Self {
+    pub fn new(dh: ArmDh, tcp: [f64; 6], q: &[f64; 6], to: &[f64; 6]) -> Self {
         Self { dh, tcp, from: dh.flange(q) * frame(&tcp), by: off(&dh, &tcp, to, q) }
     }
 

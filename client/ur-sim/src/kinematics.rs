@@ -1,27 +1,78 @@
-//! Kinematics of the simulated arm: nominal Denavit-Hartenberg parameters, an own calibration.
+//! Kinematics of the simulated arm: nominal Denavit-Hartenberg parameters, an own calibration, the frames.
 //!
-//! *Source*: the maker's description package, UR5 and UR5e.
+//! The bridge has its own, so that neither can hide an error of the other.
+//!
+//! *Source*: the maker's description package, UR5 and UR5e: T_i = Rz(q + θ) Tz(d) Tx(a) Rx(α).
 
 use std::f64::consts::FRAC_PI_2;
 
-use foretrace_ur::bridge::kinematics::DhParameters;
+use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 use super::options::Series;
 
+/// Denavit-Hartenberg parameters of the simulated arm.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ArmDh {
+    /// \[rad\]
+    pub theta: [f64; 6],
+    /// \[m\]
+    pub a: [f64; 6],
+    /// \[m\]
+    pub d: [f64; 6],
+    /// \[rad\]
+    pub alpha: [f64; 6],
+}
+
+impl ArmDh {
+    /// The flange in the base frame at `q` \[rad\].
+    #[must_use]
+    pub fn flange(&self, q: &[f64; 6]) -> Isometry3<f64> {
+        self.after(6, q)
+    }
+
+    /// The elbow in the base frame at `q` \[rad\]: \[m\].
+    #[must_use]
+    pub fn elbow(&self, q: &[f64; 6]) -> Vector3<f64> {
+        self.after(2, q).translation.vector
+    }
+
+    /// The frame behind the first `joints`, by the matrix of the convention.
+    fn after(&self, joints: usize, q: &[f64; 6]) -> Isometry3<f64> {
+        let rows = q.iter().take(joints).zip(&self.theta).zip(&self.a).zip(&self.d).zip(&self.alpha);
+        rows.fold(Isometry3::identity(), |at, ((((q, theta), a), d), alpha)| {
+            let (sin, cos) = (q + theta).sin_cos();
+            let (sin_alpha, cos_alpha) = alpha.sin_cos();
+            let turn = Rotation3::from_matrix_unchecked(Matrix3::new(
+                cos,
+                -sin * cos_alpha,
+                sin * sin_alpha,
+                sin,
+                cos * cos_alpha,
+                -cos * sin_alpha,
+                0.0,
+                sin_alpha,
+                cos_alpha,
+            ));
+            let turn = UnitQuaternion::from_rotation_matrix(&turn);
+            at * Isometry3::from_parts(Translation3::new(a * cos, a * sin, *d), turn)
+        })
+    }
+}
+
 /// Of a UR5 (CB3) or UR5e.
 #[must_use]
-pub const fn nominal(series: Series) -> DhParameters {
+pub const fn nominal(series: Series) -> ArmDh {
     let (a3, d) = match series {
         Series::Cb3 => (-0.39225, [0.089_159, 0.0, 0.0, 0.10915, 0.09465, 0.0823]),
         Series::E => (-0.3922, [0.1625, 0.0, 0.0, 0.1333, 0.0997, 0.0996]),
     };
     let alpha = [FRAC_PI_2, 0.0, 0.0, FRAC_PI_2, -FRAC_PI_2, 0.0];
-    DhParameters { theta: [0.0; 6], a: [0.0, -0.425, a3, 0.0, 0.0, 0.0], d, alpha }
+    ArmDh { theta: [0.0; 6], a: [0.0, -0.425, a3, 0.0, 0.0, 0.0], d, alpha }
 }
 
 /// Of an arm whose flange is `error_m` off the nominal one at `q` \[rad\]; the same seed, the same arm.
 #[must_use]
-pub fn calibrated(series: Series, error_m: f64, seed: u64, q: &[f64; 6]) -> DhParameters {
+pub fn calibrated(series: Series, error_m: f64, seed: u64, q: &[f64; 6]) -> ArmDh {
     let nominal = nominal(series);
     if !(error_m > 0.0 && error_m.is_finite()) {
         return nominal;
@@ -37,7 +88,7 @@ pub fn calibrated(series: Series, error_m: f64, seed: u64, q: &[f64; 6]) -> DhPa
             sum.iter_mut().zip(by).for_each(|(sum, by)| *sum += scale * by);
             sum
         };
-        DhParameters {
+        ArmDh {
             theta: add(&nominal.theta, &theta),
             a: add(&nominal.a, &a),
             d: add(&nominal.d, &d),
@@ -87,7 +138,7 @@ mod tests {
     fn a_calibration_is_off_by_what_was_asked_for_and_the_same_again() {
         let q = ControllerOptions::new(Series::E).q;
         let arm = calibrated(Series::E, 0.004, 7, &q);
-        let at = |arm: &DhParameters| arm.flange(&q).translation.vector;
+        let at = |arm: &ArmDh| arm.flange(&q).translation.vector;
         let off = (at(&arm) - at(&nominal(Series::E))).norm();
         assert!((off - 0.004).abs() < 1e-5, "{off}");
         assert_eq!(arm, calibrated(Series::E, 0.004, 7, &q));

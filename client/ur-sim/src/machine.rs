@@ -10,7 +10,7 @@ use std::collections::{BTreeMap, VecDeque};
 use super::inputs::{InputVariables, REGISTERS};
 use super::inverse::search;
 use super::motion::RobotMotion;
-use super::names::{is_known_only, is_simulated};
+use super::names::{NOT_SIMULATED, SIMULATED};
 use super::pose::{frame, pose};
 use super::robot::SimulatedRobot;
 use super::safety::ProtectiveReason;
@@ -360,14 +360,14 @@ impl Hands<'_> {
 
 impl Machine for Hands<'_> {
     fn knows(&self, name: &str) -> bool {
-        is_simulated(name) || is_known_only(name)
+        SIMULATED.contains(&name) || NOT_SIMULATED.contains(&name)
     }
 
     fn call(&mut self, call: &MachineCall<'_>) -> Called {
-        if is_known_only(call.name) {
+        if NOT_SIMULATED.contains(&call.name) {
             return Called::Failed(format!("{} is not simulated", call.name));
         }
-        if !is_simulated(call.name) {
+        if !SIMULATED.contains(&call.name) {
             return Called::Unknown;
         }
         self.answer(call).unwrap_or_else(|message| Called::Failed(format!("{} {message}", call.name)))

@@ -6,10 +6,9 @@
 //! program; an emergency stop brakes and takes the power, at last after `MOST_STOP_S`.
 
 use foretrace_sim::arm::{ArmModel, ArmSettings, FaultKind};
-use foretrace_ur::bridge::kinematics::DhParameters;
 
 use super::current::Motors;
-use super::kinematics::calibrated;
+use super::kinematics::{ArmDh, calibrated};
 use super::motion::{JointPoint, RobotMotion};
 use super::options::ControllerOptions;
 use super::pose::{frame, pose};
@@ -47,7 +46,7 @@ pub struct SimulatedRobot {
     pub cycle: u64,
     pub mode: RobotMode,
     pub safety: Safety,
-    pub dh: DhParameters,
+    pub dh: ArmDh,
     pub motion: RobotMotion,
     /// Where the motion has led.
     pub target: JointPoint,
@@ -161,11 +160,7 @@ impl SimulatedRobot {
     #[must_use]
     pub fn elbow(&self) -> ([f64; 3], [f64; 3]) {
         let actual = self.actual();
-        let elbow = |q: &[f64; 6]| {
-            let [_, _, elbow, ..] = self.dh.frames(q);
-            elbow.translation.vector
-        };
-        let (now, later) = (elbow(&actual.q), elbow(&moved(&actual)));
+        let (now, later) = (self.dh.elbow(&actual.q), self.dh.elbow(&moved(&actual)));
         (((later - now) / MOMENT_S).into(), now.into())
     }
 

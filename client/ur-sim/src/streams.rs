@@ -1,12 +1,11 @@
 //! What ports 30001, 30002 and 30003 send: states and messages, and the fixed record of the real-time
 //! interface.
 
-use super::kinematics::nominal;
+use super::kinematics::{ArmDh, nominal};
 use super::options::Series;
 use super::outputs::joint_mode;
 use super::robot::{POSITION_LIMIT_RAD, SPEED_LIMIT_RADPS};
 use super::world::{Runtime, World};
-use foretrace_ur::bridge::kinematics::DhParameters;
 use foretrace_ur::primary::{
     CartesianInfo, ConfigurationData, JointData, KinematicsInfo, MasterboardData, MessageContent, OneJoint,
     PrimaryPackage, RobotMessage, RobotModeData, RobotState, SubPackage, ToolData,
@@ -101,7 +100,7 @@ pub fn state(world: &World) -> Vec<u8> {
     PrimaryPackage::State(RobotState { parts }).encode()
 }
 
-fn kinematics(dh: &DhParameters, calibrated: bool) -> KinematicsInfo {
+fn kinematics(dh: &ArmDh, calibrated: bool) -> KinematicsInfo {
     let mut checksum = [0; 6];
     let rows = dh.theta.iter().zip(dh.a).zip(dh.d).zip(dh.alpha);
     for (sum, (((theta, a), d), alpha)) in checksum.iter_mut().zip(rows) {
@@ -109,12 +108,12 @@ fn kinematics(dh: &DhParameters, calibrated: bool) -> KinematicsInfo {
         let mixed = bits.iter().fold(0u64, |sum, bits| (sum ^ bits).wrapping_mul(0x9e37_79b9_7f4a_7c15));
         *sum = (mixed >> 32) as u32;
     }
-    let DhParameters { theta, a, d, alpha } = *dh;
+    let ArmDh { theta, a, d, alpha } = *dh;
     KinematicsInfo { checksum, theta, a, d, alpha, calibration_status: u32::from(!calibrated) }
 }
 
 fn configuration(series: Series) -> ConfigurationData {
-    let DhParameters { theta, a, d, alpha } = nominal(series);
+    let ArmDh { theta, a, d, alpha } = nominal(series);
     ConfigurationData {
         position_limits: [[-POSITION_LIMIT_RAD, POSITION_LIMIT_RAD]; 6],
         motion_limits: [[SPEED_LIMIT_RADPS, 40.0]; 6],

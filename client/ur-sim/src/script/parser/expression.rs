@@ -5,7 +5,7 @@ use super::super::lexer::TokenKind;
 use super::super::limits;
 use super::super::tree::{Binary, CallExpression, Expression, Give, Unary};
 use super::super::value::Value;
-use super::{Parser, is_keyword};
+use super::{KEYWORDS, Parser};
 
 const NOT_BINDS: u8 = 3;
 const MINUS_BINDS: u8 = 7;
@@ -138,7 +138,7 @@ impl Parser {
                     self.expect("(")?;
                     Give::Run(self.arguments(name)?)
                 }
-                word if is_keyword(word) => return Err(self.wrong("a value wanted")),
+                word if KEYWORDS.contains(&word) => return Err(self.wrong("a value wanted")),
                 _ => {
                     self.step();
                     if self.accept("(") { Give::Call(self.arguments(word)?) } else { Give::Name(word) }

@@ -8,13 +8,36 @@ use super::limits;
 use super::tree::{Do, Expression, Function, Give, Scope, ScriptStatement, Sort};
 
 /// Words that are not names.
-const KEYWORDS: &str = "\
-    def thread sec end if elif else while break continue return global local run kill join halt pass \
-    and or xor not True False true false enter_critical exit_critical";
-
-fn is_keyword(word: &str) -> bool {
-    KEYWORDS.split_ascii_whitespace().any(|keyword| keyword == word)
-}
+const KEYWORDS: [&str; 28] = [
+    "def",
+    "thread",
+    "sec",
+    "end",
+    "if",
+    "elif",
+    "else",
+    "while",
+    "break",
+    "continue",
+    "return",
+    "global",
+    "local",
+    "run",
+    "kill",
+    "join",
+    "halt",
+    "pass",
+    "and",
+    "or",
+    "xor",
+    "not",
+    "True",
+    "False",
+    "true",
+    "false",
+    "enter_critical",
+    "exit_critical",
+];
 
 /// The statements of a whole text.
 pub(super) fn statements(text: &str) -> Result<Vec<ScriptStatement>, ScriptError> {
@@ -90,7 +113,7 @@ impl Parser {
     /// A name that is not a keyword.
     fn name(&mut self) -> Result<String, ScriptError> {
         match self.word() {
-            Some(name) if !is_keyword(name) => {
+            Some(name) if !KEYWORDS.contains(&name) => {
                 let name = name.to_owned();
                 self.step();
                 Ok(name)
@@ -152,7 +175,7 @@ impl Parser {
     fn statement(&mut self) -> Result<ScriptStatement, ScriptError> {
         let position = self.position();
         let word = self.word().unwrap_or_default().to_owned();
-        let keyword = is_keyword(&word);
+        let keyword = KEYWORDS.contains(&word.as_str());
         if keyword {
             self.step();
         }
