@@ -104,7 +104,7 @@ impl Commands {
 
     /// The newest command ever received, unread or not. Does not allocate once connected.
     pub fn latest(&mut self) -> Option<&JointCommand> {
-        if let Some(command) = self.subscriber.latest(monotonic_now_ns()) {
+        if let Some(command) = self.subscriber.latest() {
             self.newest = Some(command);
             // After the look: a command that was sent meanwhile was not taken before.
             self.taken_ns = monotonic_now_ns();
@@ -126,7 +126,7 @@ impl Commands {
     /// Every unread command, oldest first. Returns how many there were.
     pub fn drain(&mut self, mut use_command: impl FnMut(&JointCommand)) -> usize {
         let (newest, taken_ns) = (&mut self.newest, &mut self.taken_ns);
-        self.subscriber.drain(monotonic_now_ns(), |command| {
+        self.subscriber.drain(|command| {
             (*newest, *taken_ns) = (Some(command), monotonic_now_ns());
             use_command(&command);
         })

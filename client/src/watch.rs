@@ -158,7 +158,7 @@ impl InputWatch {
 impl<T: Message> MessageWatch<T> {
     /// Every unread message, oldest first. Returns how many there were.
     pub fn drain(&mut self, mut use_message: impl FnMut(&T)) -> usize {
-        self.subscriber.drain(monotonic_now_ns(), |message| use_message(&message))
+        self.subscriber.drain(|message| use_message(&message))
     }
 
     /// Messages lost so far between their publisher and here.
@@ -180,7 +180,7 @@ impl<T: Message> MessageWatch<T> {
 impl StatusReader {
     /// The newest status, if one came since the last call.
     pub fn newest_if_new(&mut self) -> Option<Status> {
-        let new = self.subscriber.latest(monotonic_now_ns());
+        let new = self.subscriber.latest();
         self.newest = new.or(self.newest);
         new
     }

@@ -87,7 +87,7 @@ fn a_pen_reading_arrives_and_a_senseless_one_is_refused_here() {
     assert_eq!(feed.send(reading), Ok(true));
     assert!(matches!(feed.send(PenReading { x_m: f64::NAN, ..reading }), Err(FeedError::Invalid(_))));
     let mut got = Vec::new();
-    pen.drain(monotonic_now_ns(), |sample| got.push(sample));
+    pen.drain(|sample| got.push(sample));
     assert_eq!(got.len(), 1);
     assert_eq!((got[0].device_stamp_ns, got[0].x_m, got[0].pressure), (5, 0.25, -1.0));
     assert_eq!(got[0].flags, pen_flags::CONTACT | pen_flags::IN_RANGE);
@@ -111,7 +111,7 @@ fn received<T: Message + Send, V: Send>(
             let mut got = Vec::new();
             loop {
                 let last = is_over.load(std::sync::atomic::Ordering::Acquire);
-                subscriber.drain(monotonic_now_ns(), |message| got.push(field(message)));
+                subscriber.drain(|message| got.push(field(message)));
                 if last {
                     return got;
                 }
@@ -293,9 +293,9 @@ fn the_dead_man_beats_and_stops() {
     let mut enable = daemon.services.enable.subscriber(4, HeaderBounds::DEFAULT).unwrap();
     let mut dead_man = rig.attach().dead_man().unwrap();
     dead_man.beat().unwrap();
-    assert_eq!(enable.latest(monotonic_now_ns()).unwrap().stop, 0);
+    assert_eq!(enable.latest().unwrap().stop, 0);
     dead_man.stop().unwrap();
-    assert_eq!(enable.latest(monotonic_now_ns()).unwrap().stop, 1);
+    assert_eq!(enable.latest().unwrap().stop, 1);
 }
 
 #[test]

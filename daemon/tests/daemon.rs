@@ -108,7 +108,7 @@ fn at_trust_0_the_ghost_is_the_loop_and_with_trust_it_shows_what_is_saved() {
     assert!(operator.ask(ControlOp::Arm, 0.0).is_success());
     let (mut seen, mut settled) = (0, true);
     let status = operator.status_when("both are compared", |status| {
-        telemetry.drain(monotonic_now_ns(), |record| {
+        telemetry.drain(|record| {
             let state = GhostState::try_from(record.ghost_state).unwrap();
             // A ghost that had to skip ticks on a busy machine is near, but no longer identical.
             settled &= state != GhostState::Settling;
@@ -375,6 +375,6 @@ fn peers_that_stay_find_the_restarted_daemon() {
     daemon.end().unwrap();
     let daemon = Running::start(&site, site.source());
     let mut records = services.telemetry.subscriber(64, foretrace_shm::HeaderBounds::DEFAULT).unwrap();
-    until("records of the new daemon arrive", || records.latest(foretrace_shm::monotonic_now_ns()));
+    until("records of the new daemon arrive", || records.latest());
     daemon.end().unwrap();
 }

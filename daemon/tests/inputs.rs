@@ -11,7 +11,6 @@ use foretrace_control::predict::OnlineWeights;
 use foretrace_control::state;
 use foretrace_shm::{
     Assembly, ControlOp, HeaderBounds, Message, Mode, Piece, PieceKind, Services, Session, Thing, TickInput,
-    monotonic_now_ns,
 };
 use foretraced::rt::tick::STATE_BYTES;
 use foretraced::wire;
@@ -41,17 +40,16 @@ fn listen(site: &Site, mut enough: impl FnMut(&Captured) -> bool) -> Captured {
     let since = std::time::Instant::now();
     while !enough(&captured) {
         assert!(since.elapsed() < Duration::from_secs(60), "{} inputs", captured.inputs.len());
-        let now = monotonic_now_ns();
-        inputs.drain(now, |input| {
+        inputs.drain(|input| {
             captured.modes.insert(input.mode);
             captured.inputs.push(input);
         });
-        pieces.drain(now, |piece| captured.snapshots.extend(assembly.add(&piece)));
+        pieces.drain(|piece| captured.snapshots.extend(assembly.add(&piece)));
         std::thread::sleep(Duration::from_millis(2));
     }
     // A set of weights may still be on its way in pieces when the tick that was offered it is here.
     for _ in 0..150 {
-        pieces.drain(monotonic_now_ns(), |piece| captured.snapshots.extend(assembly.add(&piece)));
+        pieces.drain(|piece| captured.snapshots.extend(assembly.add(&piece)));
         std::thread::sleep(Duration::from_millis(2));
     }
     assert_eq!((inputs.rejections().total(), pieces.rejections().total()), (0, 0));

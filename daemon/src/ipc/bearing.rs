@@ -25,8 +25,8 @@ impl Bearing {
     }
 
     /// Takes the notes of the arm's process since the last look.
-    pub fn take_notes(&mut self, now_ns: u64, notes: &mut Subscriber<ArmNote>) {
-        self.note = notes.latest(now_ns).or(self.note);
+    pub fn take_notes(&mut self, notes: &mut Subscriber<ArmNote>) {
+        self.note = notes.latest().or(self.note);
     }
 
     /// The note that is in force as of `newest`: the one that the newest joint state names, or one that came

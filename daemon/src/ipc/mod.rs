@@ -216,7 +216,7 @@ impl Ipc {
             let Ok(facts) = self.links.rings.facts.pop() else { break };
             changed |= self.learn_of(&facts);
         }
-        self.links.bearing.take_notes(now.0, &mut self.ports.notes);
+        self.links.bearing.take_notes(&mut self.ports.notes);
         self.links.inputs.round(now.0, &mut self.links.rings, &mut self.ports.pieces);
         self.judge.look(now, self.ports.watch.fingerprint());
         while let Ok(event) = self.links.learner.try_recv() {

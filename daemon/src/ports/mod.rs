@@ -110,7 +110,7 @@ pub struct PortTally {
 
 /// Input and output of one tick.
 pub trait Ports {
-    /// Replaces the contents of `inbox` by what has arrived; stamps are checked against `now`.
+    /// Replaces the contents of `inbox` by what has arrived; pen samples count as received at `now`.
     fn receive(&mut self, now: Stamp, inbox: &mut Inbox);
 
     /// Sends a command; `false` if it was not sent.

@@ -50,7 +50,7 @@ impl Ports for ShmPorts {
         inbox.clear();
         let mut taken = 0;
         while taken < PEN_PER_TICK
-            && let Some(sample) = self.pen.take(now.0)
+            && let Some(sample) = self.pen.take()
         {
             taken += 1;
             if let Ok(sample) = sample {
@@ -59,7 +59,7 @@ impl Ports for ShmPorts {
         }
         // Usually the newest command only, but a stop between two ticks must not be skipped.
         let (mut allowed, mut stop) = (true, false);
-        self.joints.drain(now.0, |state| {
+        self.joints.drain(|state| {
             let reading = wire::joint_reading(&state);
             allowed &= reading.motion_allowed;
             inbox.joints = Some(JointReading { motion_allowed: allowed, ..reading });
@@ -67,7 +67,7 @@ impl Ports for ShmPorts {
             inbox.echo = wire::echo(&state);
             (self.tally.arm_line, self.tally.arm_note) = (state.line, state.note);
         });
-        self.enable.drain(now.0, |enable| {
+        self.enable.drain(|enable| {
             let reading = wire::enable_reading(&enable);
             stop |= reading.stop;
             inbox.enable = Some(EnableReading { stop, ..reading });

@@ -142,7 +142,7 @@ impl Operator {
 
     pub fn status_when(&mut self, what: &str, mut claim: impl FnMut(&Status) -> bool) -> Status {
         until(what, || {
-            let status = self.status.latest(monotonic_now_ns())?;
+            let status = self.status.latest()?;
             self.newest = status;
             claim(&status).then_some(status)
         })
@@ -204,7 +204,7 @@ pub fn arm(site: &Site) -> (Peer, Arc<ArmLog>) {
         };
         while !quit.load(Ordering::Acquire) {
             let now = monotonic_now_ns();
-            commands.drain(now, |command| {
+            commands.drain(|command| {
                 let (stamp, until) = (Stamp(command.header.stamp_ns), Stamp(command.valid_until_ns));
                 if command.flags & foretrace_shm::command_flags::BEGINS != 0 {
                     seen.begun.fetch_add(1, Ordering::Relaxed);

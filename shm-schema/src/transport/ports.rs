@@ -13,7 +13,7 @@ use iceoryx2::prelude::{BackpressureStrategy, CallbackProgression, PortFactory, 
 use super::session::ServiceError;
 use super::topic::{Message, Topic};
 use crate::wire::check::{Rejection, Rejections};
-use crate::wire::clock::host_boot_id;
+use crate::wire::clock::{host_boot_id, monotonic_now_ns};
 use crate::wire::header::{Header, HeaderBounds, HeaderCheck};
 use crate::wire::layout::Wire;
 
@@ -195,10 +195,11 @@ pub struct Subscriber<T: Message> {
 
 impl<T: Message> Subscriber<T> {
     /// Takes the oldest unread message; `None` if there is none. A refused one is counted and returned as
-    /// error.
+    /// error. Its age is judged by the clock after it was taken: a receiver that is held up before does not
+    /// find it in the future.
     ///
     /// An error of the middleware counts as none, see [`Subscriber::failures`].
-    pub fn take(&mut self, now_ns: u64) -> Option<Result<T, Rejection>> {
+    pub fn take(&mut self) -> Option<Result<T, Rejection>> {
         let message = match self.port.receive() {
             Ok(Some(sample)) => *sample,
             Ok(None) => return None,
@@ -207,6 +208,7 @@ impl<T: Message> Subscriber<T> {
                 return None;
             }
         };
+        let now_ns = monotonic_now_ns();
         // The header first, so that a refused body does not also look like a dropped message.
         match self.check.admit(message.header(), now_ns).and_then(|()| message.validate()) {
             Ok(()) => {
@@ -223,10 +225,10 @@ impl<T: Message> Subscriber<T> {
 
     /// Passes every unread message to `use_message`, oldest first; refused ones are only counted. At most one
     /// buffer full per call. Returns how many were passed.
-    pub fn drain(&mut self, now_ns: u64, mut use_message: impl FnMut(T)) -> usize {
+    pub fn drain(&mut self, mut use_message: impl FnMut(T)) -> usize {
         let mut given = 0;
         for _ in 0..self.buffer {
-            match self.take(now_ns) {
+            match self.take() {
                 Some(Ok(message)) => {
                     given += 1;
                     use_message(message);
@@ -239,9 +241,9 @@ impl<T: Message> Subscriber<T> {
     }
 
     /// The newest valid unread message; all older ones are consumed.
-    pub fn latest(&mut self, now_ns: u64) -> Option<T> {
+    pub fn latest(&mut self) -> Option<T> {
         let mut newest = None;
-        self.drain(now_ns, |message| newest = Some(message));
+        self.drain(|message| newest = Some(message));
         newest
     }
 

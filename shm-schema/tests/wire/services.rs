@@ -75,12 +75,12 @@ fn every_topic_carries_its_message_unchanged() {
         let mut publisher = from.publisher().unwrap();
         let stamp = now();
         assert_eq!(publisher.publish(stamp, message), Ok(1), "{}", T::SERVICE);
-        let got = subscriber.take(now()).unwrap().unwrap();
+        let got = subscriber.take().unwrap().unwrap();
         assert_eq!(*got.header(), Header { sequence: 1, stamp_ns: stamp, boot_id: host_boot_id() });
         let mut expected = message;
         *expected.header_mut() = *got.header();
         assert_eq!(got, expected);
-        assert_eq!(subscriber.take(now()), None);
+        assert_eq!(subscriber.take(), None);
         assert_eq!(subscriber.received(), 1);
     }
     let rig = Rig::with_daemon();
@@ -102,7 +102,7 @@ fn a_late_subscriber_still_gets_the_last_status() {
     publisher.publish(now(), Status { tick: 1, ..Default::default() }).unwrap();
     let mut subscriber = rig.peer().status.subscriber(4, HeaderBounds::DEFAULT).unwrap();
     publisher.connect().unwrap();
-    assert_eq!(subscriber.latest(now()).unwrap().tick, 1);
+    assert_eq!(subscriber.latest().unwrap().tick, 1);
 }
 
 #[test]
@@ -112,12 +112,12 @@ fn overflow_drops_the_oldest_and_is_counted() {
     let mut publisher = rig.peer().pen.publisher().unwrap();
     let send = |publisher: &mut Publisher<PenSample>| publisher.publish(now(), PenSample::default()).unwrap();
     send(&mut publisher);
-    assert_eq!(subscriber.drain(now(), |_| {}), 1);
+    assert_eq!(subscriber.drain(|_| {}), 1);
     (0..40).for_each(|_| {
         send(&mut publisher);
     });
     let mut sequences = Vec::new();
-    subscriber.drain(now(), |sample| sequences.push(sample.header.sequence));
+    subscriber.drain(|sample| sequences.push(sample.header.sequence));
     assert_eq!(sequences, (26..=41).collect::<Vec<_>>());
     assert_eq!(subscriber.dropped(), 24);
 }
@@ -137,7 +137,7 @@ fn refused_messages_are_counted_by_reason_and_do_not_look_dropped() {
     }
     publisher.publish(now() + 1_000_000_000, PenSample::default()).unwrap();
     publisher.publish(now(), PenSample { x_m: 0.5, ..Default::default() }).unwrap();
-    assert_eq!(subscriber.latest(now()).unwrap().x_m, 0.5);
+    assert_eq!(subscriber.latest().unwrap().x_m, 0.5);
     let rejections = subscriber.rejections();
     for reason in [
         RejectReason::NotFinite,
@@ -177,7 +177,7 @@ fn a_restarted_daemon_takes_over_what_living_peers_kept() {
     for _ in 0..3 {
         publisher.publish(now(), JointCommand::default()).unwrap();
     }
-    assert_eq!(subscriber.drain(now(), |_| {}), 3);
+    assert_eq!(subscriber.drain(|_| {}), 3);
     drop(publisher);
     rig.services = None;
     rig.lock = None;
@@ -190,7 +190,7 @@ fn a_restarted_daemon_takes_over_what_living_peers_kept() {
     lock.announce().unwrap();
     let mut publisher = services.joint_cmd.publisher().unwrap();
     publisher.publish(now(), JointCommand::default()).unwrap();
-    assert_eq!(subscriber.drain(now(), |_| {}), 1);
+    assert_eq!(subscriber.drain(|_| {}), 1);
     assert_eq!(subscriber.restarts(), 1);
     drop((subscriber, peer, publisher));
     rig.services = Some((session, services));
@@ -204,7 +204,7 @@ fn two_instances_side_by_side_do_not_hear_each_other() {
     let mut in_a = a.daemon().pen.subscriber(4, HeaderBounds::DEFAULT).unwrap();
     let mut publisher = a.peer().pen.publisher().unwrap();
     publisher.publish(now(), PenSample::default()).unwrap();
-    assert!(in_a.take(now()).is_some() && in_b.take(now()).is_none());
+    assert!(in_a.take().is_some() && in_b.take().is_none());
 }
 
 #[test]

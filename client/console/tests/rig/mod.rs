@@ -164,7 +164,7 @@ impl Rig {
                 let mut got = Vec::new();
                 loop {
                     let last = is_over.load(Ordering::Acquire);
-                    subscriber.drain(monotonic_now_ns(), |message| got.push(message));
+                    subscriber.drain(|message| got.push(message));
                     counted.store(got.len(), Ordering::Release);
                     if last {
                         return got;

@@ -110,9 +110,8 @@ fn arm_whose_states_make_no_sense() {
     // The queue of joint states is short on purpose: states that the loop did not read are missing, not
     // wrong.
     let (refused, received) = (grown(&told, "/arm/rejected"), grown(&told, "/arm/received"));
+    assert!(refused > 0 && refused <= bad, "{told}");
     assert!(received <= sent(&told, "good"), "{told}");
-    // A loop that the machine holds up for 10 ms between its clock and its queue refuses a good one too.
-    assert!(refused > 0 && refused <= bad + sent(&told, "good") - received, "{told}");
     say("arm's lies", &format!("{refused} of {bad} states refused and counted, a stop latched"));
     let since = monotonic_now_ns();
     scene.start_arm();
