@@ -1,7 +1,7 @@
 //! A pen in another user's process: draws a circle of 2 cm through a gateway's socket.
 //!
-//! `foretrace gateway --socket /tmp/foretrace-pen.socket --allow-uid UID` as the daemon's user, then
-//! `cargo run -p foretrace-client --example gateway_pen [SOCKET] [SECONDS]` as that user.
+//! `foretrace gateway --socket /tmp/foretrace-pen.socket --allow-uid UID --mode 666` as the daemon's user,
+//! then `cargo run -p foretrace-client --example gateway_pen [SOCKET] [SECONDS]` as user UID.
 
 use std::f64::consts::TAU;
 use std::time::Duration;

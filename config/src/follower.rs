@@ -4,21 +4,21 @@
 //! Contract: a [`Config`] always converts; what the law itself would refuse was refused when the config was
 //! checked.
 
+use foretrace_clarabel::ClarabelProfile;
 use foretrace_control::arm::lag::Following;
 use foretrace_control::contact::ContactSettings;
 use foretrace_control::envelope::EnvelopeSettings;
 use foretrace_control::estimate::refine::{RefineParameters, RefinePrior};
 use foretrace_control::estimate::skill::SkillParameters;
 use foretrace_control::follower::{Follower, FollowerError, FollowerSettings, SafetySettings};
-use foretrace_control::ik::{IkBackend, IkSettings};
+use foretrace_control::ik::IkSettings;
 use foretrace_control::learn::{Leads, LearnError, Learner, LearnerSettings, Rule};
 use foretrace_control::monitor::{SlowArm, TrackingSettings};
-use foretrace_control::mpc::{
-    AxisLimits, Backend, ClarabelProfile, Gains, MpcError, MpcSettings, SoftPenalty,
-};
+use foretrace_control::mpc::{AxisLimits, Gains, MpcError, MpcSettings, SoftPenalty};
 use foretrace_control::pen::{PenSettings, SpeedScaleSettings};
 use foretrace_control::plane::Plane;
 use foretrace_control::predict::{MAX_PREVIEW, Models, PreviewSettings};
+use foretrace_control::qp::backend::Backend;
 use foretrace_control::trust::{TrustParameters, TrustRequest, TrustSettings};
 use foretrace_control::units::Trust;
 use nalgebra::Vector3;
@@ -181,7 +181,7 @@ fn follower_settings(
         limits: robot.limits,
         ik: ik(s, robot),
         clearance: robot.clearance.clone(),
-        ik_backend: profile(s.ik.backend).map_or(IkBackend::Exact, IkBackend::Clarabel),
+        ik_backend: backend(s.ik.backend),
         dead_time_ns: ns(s.timing.dead_time_ms),
         following: following(s),
         response_ns: ns(s.mpc.response_ms),
@@ -296,19 +296,18 @@ fn mpc(s: &Settings) -> MpcSettings {
             velocity: s.mpc.penalty.velocity,
             position: s.mpc.penalty.position,
         },
-        backend: profile(s.mpc.backend).map_or(Backend::Exact, Backend::Clarabel),
+        backend: backend(s.mpc.backend),
         max_iterations: s.mpc.max_iterations,
         servo_s: s.timing.servo_filter_ms * 1e-3,
         unlimited: false,
     }
 }
 
-/// Clarabel's profile, if Clarabel is to solve.
-fn profile(backend: QpBackend) -> Option<ClarabelProfile> {
+const fn backend(backend: QpBackend) -> Backend {
     match backend {
-        QpBackend::Exact => None,
-        QpBackend::Clarabel => Some(ClarabelProfile::Default),
-        QpBackend::ClarabelTuned => Some(ClarabelProfile::Tuned),
+        QpBackend::Exact => Backend::Exact,
+        QpBackend::Clarabel => Backend::Other(&ClarabelProfile::Default),
+        QpBackend::ClarabelTuned => Backend::Other(&ClarabelProfile::Tuned),
     }
 }
 

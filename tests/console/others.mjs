@@ -186,7 +186,8 @@ export async function lan({ check, until, start, open, draw, end, circle }, brow
 
   const trusting = { ignoreHTTPSErrors: true };
   const page = await open(browser, address, trusting);
-  await until("control and clock", () => page.evaluate(() => globalThis.foretrace.mine && globalThis.foretrace.clock.uncertaintyMs < 20));
+  await until("control and clock", () => page.evaluate(() => globalThis.foretrace.mine && globalThis.foretrace.clock.offsetUs !== null
+    && globalThis.foretrace.clock.uncertaintyMs(performance.now()) < 20));
   check("the page is secure and isolated, and its pad gets every sample", await page.evaluate(() => isSecureContext
     && crossOriginIsolated && globalThis.foretrace.pad.coalesced && globalThis.foretrace.pad.raw));
   const before = await page.evaluate(() => globalThis.foretrace.pad.sent);

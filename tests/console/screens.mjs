@@ -92,7 +92,7 @@ export async function spoiled({ check }, page, rules) {
 export async function phone({ check, until, pause, open, pictures, more }, browser, address) {
   const page = await open(browser, address, { viewport: { width: 390, height: 844 }, hasTouch: true, isMobile: true });
   await until("a phone that controls", () => page.evaluate(() => globalThis.foretrace.mine
-    && globalThis.foretrace.clock.uncertaintyMs !== null), 30);
+    && globalThis.foretrace.clock.offsetUs !== null), 30);
   const cdp = await page.context().newCDPSession(page);
   const touch = (type, ...fingers) => cdp.send("Input.dispatchTouchEvent", { type, touchPoints: fingers });
   const middle = (selector) => page.evaluate((selector) => {

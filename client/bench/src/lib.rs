@@ -17,11 +17,13 @@ mod stepping;
 use std::hint::black_box;
 use std::time::Instant;
 
+use foretrace_clarabel::ClarabelProfile;
 use foretrace_config::Config;
-use foretrace_control::ik::{Ik, IkBackend};
-use foretrace_control::mpc::{Backend, ClarabelProfile, Mpc, MpcSettings, Plan};
+use foretrace_control::ik::Ik;
+use foretrace_control::mpc::{Mpc, MpcSettings, Plan};
 use foretrace_control::pen::PenTracker;
 use foretrace_control::predict::Previewer;
+use foretrace_control::qp::backend::Backend;
 use foretrace_control::units::Trust;
 use foretrace_failure::Failure;
 use foretrace_sim::path::PenPath;
@@ -48,19 +50,11 @@ enum Solver {
 const SOLVERS: [Solver; 3] = [Solver::Exact, Solver::Clarabel, Solver::Tuned];
 
 impl Solver {
-    const fn mpc(self) -> Backend {
+    const fn backend(self) -> Backend {
         match self {
             Self::Exact => Backend::Exact,
-            Self::Clarabel => Backend::Clarabel(ClarabelProfile::Default),
-            Self::Tuned => Backend::Clarabel(ClarabelProfile::Tuned),
-        }
-    }
-
-    const fn ik(self) -> IkBackend {
-        match self {
-            Self::Exact => IkBackend::Exact,
-            Self::Clarabel => IkBackend::Clarabel(ClarabelProfile::Default),
-            Self::Tuned => IkBackend::Clarabel(ClarabelProfile::Tuned),
+            Self::Clarabel => Backend::Other(&ClarabelProfile::Default),
+            Self::Tuned => Backend::Other(&ClarabelProfile::Tuned),
         }
     }
 }
@@ -154,7 +148,7 @@ fn planning<const N: usize>(
     let settings = config.follower_settings().mpc;
     let mut planners = Vec::new();
     for solver in SOLVERS {
-        let built = Mpc::<N>::new(&MpcSettings { backend: solver.mpc(), ..settings });
+        let built = Mpc::<N>::new(&MpcSettings { backend: solver.backend(), ..settings });
         planners.push(built.map_err(|error| Failure::bad_input(error, ""))?);
     }
     let mut plan = Plan::resting(settings.step_s);
@@ -193,7 +187,7 @@ fn reaching<const N: usize>(
     let period_s = settings.period_ns as f64 * 1e-9;
     let mut arms = Vec::new();
     for solver in SOLVERS {
-        let arm = Ik::<J>::new(settings.limits, settings.ik).with_backend(solver.ik());
+        let arm = Ik::<J>::new(settings.limits, settings.ik).with_backend(solver.backend());
         arms.push(arm.map_err(|error| Failure::failed(error, ""))?);
     }
     let chosen: Vec<_> = workload.reachings.iter().collect();

@@ -36,8 +36,8 @@ pub(crate) fn stepping<const N: usize>(
     let mut followers = Vec::new();
     for solver in SOLVERS {
         let mut settings = config.follower_settings();
-        settings.mpc.backend = solver.mpc();
-        settings.ik_backend = solver.ik();
+        settings.mpc.backend = solver.backend();
+        settings.ik_backend = solver.backend();
         followers.push(follower::<N>(settings)?);
     }
     let skip = warm_up(workload);

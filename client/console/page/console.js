@@ -1,5 +1,6 @@
 // The page: its socket, its controls, and what goes where.
 
+import { ClockMap } from "./clock.js";
 import { Pad } from "./pad.js";
 import { Arm } from "./arm.js";
 import { State } from "./state.js";
@@ -22,22 +23,7 @@ function kept(given) {
   } catch { return given; }
 }
 
-// The server's monotonic clock by the pings with the shortest way there and back.
-class Clock {
-  constructor() { this.offsetUs = null; this.uncertaintyMs = null; this.pings = []; }
-  take(sentMs, serverUs, nowMs) {
-    const rtt = nowMs - sentMs;
-    this.pings.push({ rtt, offset: serverUs - 1000 * (sentMs + rtt / 2), at: nowMs });
-    // Two clocks of one machine drift apart by less than 50 µs per second, also while one of them is slewed.
-    const worth = (ping) => ping.rtt / 2 + 0.00005 * (nowMs - ping.at);
-    this.pings = this.pings.sort((a, b) => worth(a) - worth(b)).slice(0, 60);
-    this.offsetUs = this.pings[0].offset;
-    this.uncertaintyMs = worth(this.pings[0]);
-  }
-  stampUs(eventMs) { return this.offsetUs === null ? null : eventMs * 1000 + this.offsetUs; }
-}
-
-const clock = new Clock();
+const clock = new ClockMap();
 const state = new State({ figures: byId("figures"), errors: byId("errors"), now: byId("error-now"),
   mode: byId("mode"), refused: byId("refused"), joints: byId("joints"), note: byId("arm-note") });
 const said = new Said(byId("answers"));
@@ -46,8 +32,8 @@ let socket = null;
 let before = false;
 let newest = null;
 let heardMs = 0;
-// Pings without an answer yet, by the time at which they were sent.
-let pings = [];
+// When the pings were sent that have no answer yet.
+let unanswered = [];
 let live = false;
 let mine = false;
 let arm = null;
@@ -70,14 +56,16 @@ function send(message) {
 
 function ping() {
   if (!linked()) return;
-  pings.push(performance.now());
-  send({ ping: pings[pings.length - 1] });
+  const now = performance.now();
+  unanswered.push(now);
+  send({ ping: now });
 }
 
 // Dated, so that one that was long under way, or from before a stop, moves nothing: at the earliest moment that it may
 // have been by the server's clock.
 function order(kind, what) {
-  const us = clock.stampUs(performance.now() - clock.uncertaintyMs);
+  const now = performance.now();
+  const us = clock.stampUs(now - clock.uncertaintyMs(now));
   if (us === null) said.add(false, "not asked for: the clock is not known yet; try again");
   else send({ [kind]: [what, us] });
 }
@@ -117,7 +105,7 @@ function hear(text) {
   const { pong, reply, control, scene, frame } = JSON.parse(text);
   if (pong) {
     clock.take(pong[0], pong[1], performance.now());
-    pings = pings.filter((sent) => sent > pong[0]);
+    unanswered = unanswered.filter((sent) => sent > pong[0]);
   }
   if (reply) said.add(reply.done, reply.words);
   if (control) {
@@ -167,7 +155,7 @@ function show(frame) {
 // What is live, and everything that may not look so when it is not: looked at with each frame, and without any.
 function stand() {
   const now = standing({ linked: linked(), before, silentMs: performance.now() - heardMs,
-    askedMs: pings.length ? performance.now() - pings[0] : 0, frame: newest, mine });
+    askedMs: unanswered.length ? performance.now() - unanswered[0] : 0, frame: newest, mine });
   const here = newest?.here;
   if (!now.live && live) arm?.frame({ arm: null, points: [] });
   live = now.live;
@@ -310,13 +298,16 @@ function connect() {
   socket.onopen = () => {
     before = true;
     heardMs = performance.now();
-    pings = [];
+    unanswered = [];
+    clock.reset();
     if (owedMs !== null && performance.now() - owedMs < OWED_MS) {
       send({ stop: true });
       said.add(true, "The stop that found no link is sent now");
     }
     owedMs = null;
-    for (let count = 0; count < 8; count += 1) setTimeout(ping, 30 * count);
+    // The first one goes before all that needs the clock.
+    ping();
+    for (let count = 1; count < 8; count += 1) setTimeout(ping, 30 * count);
     if (token && !watches) send({ control: token });
     stand();
   };

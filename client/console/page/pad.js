@@ -247,8 +247,8 @@ export class Pad {
     // Samples of one burst share their moment nearly: only the whole time says the rate.
     const moving = this.intervals.filter((ms) => ms >= 0 && ms < 100);
     this.intervals = [];
-    const clock = this.clock.uncertaintyMs === null ? "clock not known yet"
-      : `clock ± ${this.clock.uncertaintyMs.toFixed(2)} ms`;
+    const wrongMs = this.clock.uncertaintyMs(performance.now());
+    const clock = wrongMs === null ? "clock not known yet" : `clock ± ${wrongMs.toFixed(2)} ms`;
     const why = !isSecureContext ? "; this address is not secure: only one sample per picture, use localhost"
       : !this.coalesced ? "; this browser gives one sample per picture"
       : !this.raw ? "; this browser gives samples once per picture, late" : "";

@@ -9,7 +9,9 @@
 //! page in, `keys` judges its token, `message` reads what it says, `session` is one page, `board` is what all
 //! pages share, `link` feeds the daemon, with `hand` for pen and button, and `hold` for what a button means;
 //! `orders` asks the daemon and `stops` stops the arm, a thread each; `scene` and `frame` are what a page is
-//! told.
+//! told. What is in `page/` runs in the browser: it draws, asks, and says how things stand; its `clock.js`
+//! maps the browser's clock to the daemon's by pings, so that pen, button and orders come dated on the
+//! daemon's.
 
 #![forbid(unsafe_code)]
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]

@@ -13,6 +13,7 @@ pub(crate) fn file(path: &str) -> Option<File> {
         "/" => ("text/html; charset=utf-8", include_bytes!("../page/index.html")),
         "/console.css" => ("text/css; charset=utf-8", include_bytes!("../page/console.css")),
         "/console.js" => (script, include_bytes!("../page/console.js")),
+        "/clock.js" => (script, include_bytes!("../page/clock.js")),
         "/pad.js" => (script, include_bytes!("../page/pad.js")),
         "/arm.js" => (script, include_bytes!("../page/arm.js")),
         "/state.js" => (script, include_bytes!("../page/state.js")),
@@ -49,7 +50,7 @@ mod tests {
         let index = String::from_utf8(file("/").unwrap().body.to_vec()).unwrap();
         let named = ["/console.css", "/console.js", "/icon.svg"];
         assert!(named.iter().all(|path| index.contains(&path[1..]) && file(path).is_some()));
-        let scripts = ["console", "pad", "arm", "state", "live", "hold", "touch", "said", "sheet"];
+        let scripts = ["console", "clock", "pad", "arm", "state", "live", "hold", "touch", "said", "sheet"];
         let scripts = scripts.map(|name| format!("/{name}.js"));
         for path in ["/", "/console.css"].into_iter().chain(scripts.iter().map(String::as_str)) {
             let text = String::from_utf8(file(path).unwrap().body.to_vec()).unwrap();

@@ -7,7 +7,8 @@
 
 use foretrace_shm::{PenSample, RejectReason, Rejection, Validate};
 
-/// How far a stamp may lie ahead of this host's clock \[ns\]; both sides read the same one.
+/// How far a stamp may lie ahead of this host's clock \[ns\], which a gateway's client reads too and a
+/// browser's page estimates.
 pub const FUTURE_NS: u64 = 10_000_000;
 /// How old a sample may be \[ns\]; the loop has no use for older ones.
 pub const AGE_NS: u64 = 1_000_000_000;

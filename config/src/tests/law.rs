@@ -1,12 +1,14 @@
 //! What the control law is built from: conversion of units and frames, and the presets' values.
 
+use foretrace_clarabel::ClarabelProfile;
 use foretrace_control::follower::Follower;
-use foretrace_control::ik::{IkBackend, IkSettings};
+use foretrace_control::ik::IkSettings;
 use foretrace_control::learn::{Leads, LearnerSettings};
-use foretrace_control::mpc::{Backend, ClarabelProfile, Gains, SoftPenalty};
+use foretrace_control::mpc::{Gains, SoftPenalty};
 use foretrace_control::pen::SpeedScaleSettings;
 use foretrace_control::plane::Plane;
 use foretrace_control::predict::{InitialWeights, ModelSettings, PredictorKind, PreviewSettings};
+use foretrace_control::qp::backend::Backend;
 use foretrace_control::trust::TrustRequest;
 use foretrace_control::units::Trust;
 
@@ -103,14 +105,14 @@ fn words_choose_what_they_say() {
     let law = config.follower_settings();
     assert_eq!(law.preview.kind, PredictorKind::HOLD);
     assert_eq!(law.trust_request, TrustRequest::Manual(Trust::new(0.25)));
-    assert_eq!(law.mpc.backend, Backend::Clarabel(ClarabelProfile::Default));
+    assert_eq!(law.mpc.backend, Backend::Other(&ClarabelProfile::Default));
     assert_eq!(law.models.settings().initial, InitialWeights::Zero);
-    assert_eq!(law.ik_backend, IkBackend::Exact);
+    assert_eq!(law.ik_backend, Backend::Exact);
     let tuned = over_ur5("[mpc]\nbackend = \"clarabel-tuned\"\n[ik]\nbackend = \"clarabel\"\n")
         .unwrap()
         .follower_settings();
-    assert_eq!(tuned.ik_backend, IkBackend::Clarabel(ClarabelProfile::Default));
-    assert_eq!(tuned.mpc.backend, Backend::Clarabel(ClarabelProfile::Tuned));
+    assert_eq!(tuned.ik_backend, Backend::Other(&ClarabelProfile::Default));
+    assert_eq!(tuned.mpc.backend, Backend::Other(&ClarabelProfile::Tuned));
 }
 
 #[test]

@@ -9,9 +9,9 @@ use std::f64::consts::TAU;
 use std::hint::black_box;
 use std::time::Instant;
 
-use foretrace_control::mpc::{
-    AxisLimits, Backend, ClarabelProfile, Gains, Mpc, MpcSettings, Plan, SoftPenalty,
-};
+use foretrace_clarabel::ClarabelProfile;
+use foretrace_control::mpc::{AxisLimits, Gains, Mpc, MpcSettings, Plan, SoftPenalty};
+use foretrace_control::qp::backend::Backend;
 use foretrace_control::units::{AxisState, Trust};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -112,8 +112,8 @@ fn median_and_p99(times: &mut [f64]) -> (f64, f64) {
 fn main() {
     let backends = [
         ("exact", Backend::Exact, 40),
-        ("clarabel tuned", Backend::Clarabel(ClarabelProfile::Tuned), 1),
-        ("clarabel default", Backend::Clarabel(ClarabelProfile::Default), 1),
+        ("clarabel tuned", Backend::Other(&ClarabelProfile::Tuned), 1),
+        ("clarabel default", Backend::Other(&ClarabelProfile::Default), 1),
     ];
     let mut clock: Vec<f64> = (0..10_000)
         .map(|_| {

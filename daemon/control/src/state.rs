@@ -46,7 +46,10 @@ pub enum StateError {
         wanted: u64,
     },
     /// The law cannot be written out.
-    #[error("the state of a law with the solver Clarabel cannot be carried over: use the exact solver")]
+    #[error(
+        "the solver keeps its memory to itself, so that the state of this law cannot be carried over: use the \
+         exact solver"
+    )]
     Foreign,
 }
 

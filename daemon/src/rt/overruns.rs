@@ -32,7 +32,7 @@ impl OverrunLimit {
 /// How a tick handles its solve.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Solve {
-    Done,
+    Wanted,
     /// Shed, as too little time was left in the period.
     ShedForTime,
     /// Shed, as more than half of the budget of late ticks is spent.
@@ -98,7 +98,7 @@ impl Overruns {
         } else if left_ns < self.usual_cost_ns.min(self.period_ns / 2) {
             Solve::ShedForTime
         } else {
-            Solve::Done
+            Solve::Wanted
         };
         OverrunDecision { solve, stop }
     }
@@ -115,10 +115,10 @@ impl Overruns {
         }
         let cost_ns = finished.0.saturating_sub(wake.started.0);
         let late = cost_ns > self.period_ns;
-        if solve == Solve::Done || solve == Solve::ShedForTime && late {
+        if solve == Solve::Wanted || solve == Solve::ShedForTime && late {
             self.push(late);
         }
-        if solve == Solve::Done {
+        if solve == Solve::Wanted {
             self.usual_cost_ns = (self.usual_cost_ns - self.usual_cost_ns / 64).max(cost_ns);
         }
     }
@@ -180,7 +180,7 @@ mod tests {
                 assert!(detail.amount > detail.limit && detail.at == RELEASE, "{detail:?}");
                 return Some(tick);
             }
-            count(overruns, 0, late(tick, solve != Solve::Done), solve);
+            count(overruns, 0, late(tick, solve != Solve::Wanted), solve);
         }
         None
     }
@@ -209,7 +209,7 @@ mod tests {
     fn a_solver_so_slow_that_every_second_tick_has_no_time_left_is_found_out() {
         let mut overruns = half_of(100);
         for _ in 0..51 {
-            count(&mut overruns, 0, true, Solve::Done);
+            count(&mut overruns, 0, true, Solve::Wanted);
             count(&mut overruns, 0, false, Solve::ShedForTime);
         }
         assert!(decide(&overruns, 0).stop.is_some(), "{}", overruns.share());
@@ -220,10 +220,10 @@ mod tests {
         let mut overruns = half_of(100);
         for late in 0..60 {
             let even = decide(&overruns, 2 * late);
-            let wanted = if (26..=50).contains(&late) { Solve::ShedForRelief } else { Solve::Done };
+            let wanted = if (26..=50).contains(&late) { Solve::ShedForRelief } else { Solve::Wanted };
             assert_eq!((even.solve, even.stop.is_some()), (wanted, late > 50), "{late} late ticks");
-            assert_eq!(decide(&overruns, 2 * late + 1).solve, Solve::Done, "{late} late ticks");
-            count(&mut overruns, 0, true, Solve::Done);
+            assert_eq!(decide(&overruns, 2 * late + 1).solve, Solve::Wanted, "{late} late ticks");
+            count(&mut overruns, 0, true, Solve::Wanted);
         }
         // A tick that sheds for relief does not count, however late; one that sheds for time only if late.
         let before = overruns.share();
@@ -237,10 +237,10 @@ mod tests {
     #[test]
     fn a_stop_names_share_limit_and_release() {
         let mut overruns = half_of(4);
-        (0..3).for_each(|_| count(&mut overruns, 0, true, Solve::Done));
+        (0..3).for_each(|_| count(&mut overruns, 0, true, Solve::Wanted));
         let detail =
             StopDetail { cause: StopCause::LateTicks, joint: None, amount: 0.75, limit: 0.5, at: RELEASE };
-        assert_eq!(decide(&overruns, 0), OverrunDecision { solve: Solve::Done, stop: Some(detail) });
+        assert_eq!(decide(&overruns, 0), OverrunDecision { solve: Solve::Wanted, stop: Some(detail) });
     }
 
     #[test]
@@ -249,20 +249,20 @@ mod tests {
         let at = |overruns: &Overruns, left_ns: u64| {
             overruns.decide(&punctual(0), RELEASE.plus_ns(PERIOD_NS - left_ns), 1).solve
         };
-        assert_eq!(at(&overruns, 0), Solve::Done, "nothing is known yet");
+        assert_eq!(at(&overruns, 0), Solve::Wanted, "nothing is known yet");
         let cost = |overruns: &mut Overruns, ns: u64, solve: Solve| {
             overruns.count(&punctual(0), RELEASE.plus_ns(ns), solve);
         };
-        cost(&mut overruns, 640_000, Solve::Done);
-        assert_eq!([640_000, 639_999].map(|left| at(&overruns, left)), [Solve::Done, Solve::ShedForTime]);
+        cost(&mut overruns, 640_000, Solve::Wanted);
+        assert_eq!([640_000, 639_999].map(|left| at(&overruns, left)), [Solve::Wanted, Solve::ShedForTime]);
         // Ticks without a solve say nothing of its cost; those with one let the maximum fade by a 64th.
         cost(&mut overruns, 900_000, Solve::ShedForTime);
         cost(&mut overruns, 900_000, Solve::ShedForRelief);
-        cost(&mut overruns, 1000, Solve::Done);
-        assert_eq!([630_000, 629_999].map(|left| at(&overruns, left)), [Solve::Done, Solve::ShedForTime]);
-        cost(&mut overruns, 10 * PERIOD_NS, Solve::Done);
+        cost(&mut overruns, 1000, Solve::Wanted);
+        assert_eq!([630_000, 629_999].map(|left| at(&overruns, left)), [Solve::Wanted, Solve::ShedForTime]);
+        cost(&mut overruns, 10 * PERIOD_NS, Solve::Wanted);
         let half = PERIOD_NS / 2;
-        assert_eq!([half, half - 1].map(|left| at(&overruns, left)), [Solve::Done, Solve::ShedForTime]);
+        assert_eq!([half, half - 1].map(|left| at(&overruns, left)), [Solve::Wanted, Solve::ShedForTime]);
         // After the deadline nothing is left.
         let over = RELEASE.plus_ns(PERIOD_NS + 1);
         assert_eq!(overruns.decide(&punctual(0), over, 1).solve, Solve::ShedForTime);
@@ -274,32 +274,32 @@ mod tests {
         let mut overruns = half_of(100);
         let release = RELEASE.plus_ns(3 * PERIOD_NS);
         let wake = Wake { index: 9, due: RELEASE, release, started: release.plus_ns(5), skipped: 5 };
-        overruns.count(&wake, wake.started.plus_ns(PERIOD_NS), Solve::Done);
+        overruns.count(&wake, wake.started.plus_ns(PERIOD_NS), Solve::Wanted);
         assert!((overruns.share() - 0.02).abs() < 1e-12, "{}", overruns.share());
         // A start long after the release is not the tick's own work.
         let late = Wake { skipped: 0, started: RELEASE.plus_ns(9 * PERIOD_NS), ..punctual(0) };
-        overruns.count(&late, late.started.plus_ns(1), Solve::Done);
+        overruns.count(&late, late.started.plus_ns(1), Solve::Wanted);
         assert!((overruns.share() - 0.02).abs() < 1e-12, "{}", overruns.share());
     }
 
     #[test]
     fn lost_periods_count_and_old_ones_are_forgotten() {
         let mut overruns = half_of(100);
-        count(&mut overruns, 30, true, Solve::Done);
+        count(&mut overruns, 30, true, Solve::Wanted);
         assert!((overruns.share() - 0.31).abs() < 1e-12);
         for _ in 0..100 {
-            count(&mut overruns, 0, false, Solve::Done);
+            count(&mut overruns, 0, false, Solve::Wanted);
         }
         assert_eq!(overruns.share(), 0.0);
-        count(&mut overruns, u64::MAX, true, Solve::Done);
+        count(&mut overruns, u64::MAX, true, Solve::Wanted);
         assert_eq!(overruns.share(), 1.0);
         overruns.forget();
         assert_eq!((overruns.share(), decide(&overruns, 0).stop), (0.0, None));
         // The window begins again as a whole: 100 punctual ticks later nothing of it is left.
-        count(&mut overruns, 0, true, Solve::Done);
-        (0..99).for_each(|_| count(&mut overruns, 0, false, Solve::Done));
+        count(&mut overruns, 0, true, Solve::Wanted);
+        (0..99).for_each(|_| count(&mut overruns, 0, false, Solve::Wanted));
         assert_eq!(overruns.share(), 0.01);
-        count(&mut overruns, 0, false, Solve::Done);
+        count(&mut overruns, 0, false, Solve::Wanted);
         assert_eq!(overruns.share(), 0.0);
     }
 
@@ -309,13 +309,13 @@ mod tests {
             let mut overruns = half_of(window);
             for _ in 0..late {
                 assert!(overruns.share() < 1.0);
-                count(&mut overruns, 0, true, Solve::Done);
+                count(&mut overruns, 0, true, Solve::Wanted);
             }
             assert_eq!(overruns.share(), 1.0);
         }
-        let unlimited = OverrunDecision { solve: Solve::Done, stop: None };
+        let unlimited = OverrunDecision { solve: Solve::Wanted, stop: None };
         let mut overruns = Overruns::new(OverrunLimit::NONE, PERIOD_NS);
-        count(&mut overruns, u64::MAX, true, Solve::Done);
+        count(&mut overruns, u64::MAX, true, Solve::Wanted);
         assert_eq!(decide(&overruns, 0), unlimited);
     }
 }

@@ -177,7 +177,7 @@ impl<const N: usize, P: Ports> Tick<N, P> {
         let received = laps.received();
 
         let OverrunDecision { solve, stop: late } = self.overruns.decide(wake, received, self.tally.ticks);
-        let budget = Budget { max_iterations: self.max_iterations, shed: solve != Solve::Done };
+        let budget = Budget { max_iterations: self.max_iterations, shed: solve != Solve::Wanted };
         // The weights are read in place in the ring: they are too large for a further copy.
         let waiting = self.rings.weights.look();
         let requested = stop.map(|_| (StopReason::Requested, StopDetail::default()));

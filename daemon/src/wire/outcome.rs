@@ -91,7 +91,7 @@ pub fn mpc_path(output: &StepOutput<JOINTS>) -> [u32; shm::AXES] {
             _ if !solves(output) => SolverPath::Fallback,
             SolvePath::Gain => SolverPath::Gain,
             SolvePath::ActiveSet => SolverPath::ActiveSet,
-            SolvePath::Clarabel => SolverPath::Clarabel,
+            SolvePath::Other => SolverPath::Clarabel,
             SolvePath::Failed => SolverPath::Fallback,
         }
         .into()

@@ -48,8 +48,8 @@ impl Switch {
     }
 }
 
-fn read_my_tablet() -> (f64, f64, bool) {
-    (0.01, 0.02, true)
+fn read_my_tablet() -> (u64, f64, f64, bool) {
+    (monotonic_now_ns(), 0.01, 0.02, true)
 }
 
 fn now() -> Stamp {
@@ -67,14 +67,19 @@ const VALID_NS: u64 = 10_000_000;
 
 #[rustfmt::skip]
 fn pen() -> Result<(), Box<dyn Error>> {
-    use foretrace_client::{Foretrace, PenReading, monotonic_now_ns};
+    use foretrace_client::{FeedError, Foretrace, PenReading};
 
     let foretrace = Foretrace::attach(0)?;              // instance 0; says what to do if no daemon runs
     let mut pen = foretrace.pen_feed()?;
     loop {
-        let (x_m, y_m, contact) = read_my_tablet();     // metres in the tablet's own plane
-        pen.send(PenReading { device_stamp_ns: monotonic_now_ns(), x_m, y_m, contact, ..Default::default() })?;
+        let (device_stamp_ns, x_m, y_m, contact) = read_my_tablet();   // on CLOCK_MONOTONIC; its own plane
+        match pen.send(PenReading { device_stamp_ns, x_m, y_m, contact, ..Default::default() }) {
+            Ok(_heard) => {}
+            Err(FeedError::HandedOver) => break,        // somebody else asked for the pen
+            Err(error) => eprintln!("left out: {error}"),   // one bad reading ends nothing
+        }
     }
+    Ok(())
 }
 
 #[rustfmt::skip]
@@ -116,7 +121,9 @@ fn hardware(mut my_arm: Arm) -> Result<(), Box<dyn Error>> {
         let safety_mode = if my_arm.may_move() { SafetyMode::Normal } else { SafetyMode::ProtectiveStop };
         let robot_mode = if my_arm.has_power() { RobotMode::Running } else { RobotMode::PowerOff };
         let modes = JointState { safety_mode: safety_mode.into(), robot_mode: robot_mode.into(), ..commands.echo() };
-        states.publish(measured_ns, JointState { q, qd, ..modes })?;
+        if let Err(error) = states.publish(measured_ns, JointState { q, qd, ..modes }) {
+            eprintln!("left out: {error}");                    // go on: who ends here brakes nothing
+        }
     }
 }
 

@@ -12,13 +12,14 @@ use crate::contact::ContactSettings;
 use crate::envelope::{EnvelopeError, EnvelopeSettings};
 use crate::estimate::refine::{PriorError, RefineParameters};
 use crate::estimate::skill::SkillParameters;
-use crate::ik::{BackendError, IkBackend, IkSettings};
+use crate::ik::{BackendError, IkSettings};
 use crate::monitor::{LONGEST_LAG_NS, TrackingSettings};
 use crate::mpc::{AxisLimits, MpcError, MpcSettings};
 use crate::pen::{PenError, PenSettings};
 use crate::plane::Plane;
 use crate::predict::bands::BAND_LEADS;
 use crate::predict::{MAX_PREVIEW, Models, OnlineWeights, PreviewError, PreviewSettings};
+use crate::qp::backend::Backend;
 use crate::trust::{TrustError, TrustRequest, TrustSettings};
 
 /// Safety bounds of the loop.
@@ -89,7 +90,7 @@ pub struct FollowerSettings<const J: usize> {
     /// Weights of the inverse kinematics.
     pub ik: IkSettings<J>,
     /// Solver of the inverse kinematics.
-    pub ik_backend: IkBackend,
+    pub ik_backend: Backend,
     /// What the arm keeps away from; `None`: nothing, not even itself.
     pub clearance: Option<ClearanceSettings>,
     /// Time from command to arm motion, τ, at start \[ns\]. The plan models the part of it that is the arm's

@@ -28,9 +28,9 @@ pub use stopping::{PathKept, StopPath, StopStep};
 pub use task::{IkSettings, ToolTarget};
 
 use crate::qp::QpStatus;
+use crate::qp::backend::{Backend, OtherBox};
 use crate::qp::box_qp::{self, ActiveBounds, BoxSolution};
 use crate::qp::cholesky::Cholesky;
-use crate::qp::clarabel::{ClarabelBox, ClarabelProfile};
 use crate::qp::row_qp::{self, ROW_TOLERANCE};
 
 /// One IK step: joint velocities and how they came about.
@@ -90,20 +90,12 @@ pub enum IkSource {
 
 choices! { IkSource { Optimum, Clamped, Brake } }
 
-/// Which solver finds the joint velocities.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum IkBackend {
-    /// The exact dual active set. Allocates nothing.
-    #[default]
-    Exact,
-    /// Clarabel, for comparison. Allocates once or twice per step and is good to about 1e-4 rad/s.
-    Clarabel(ClarabelProfile),
-}
-
-/// Clarabel refused to be set up.
+/// Another solver refused to be set up.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
-#[error("clarabel could not be set up for a box of {joints} joint velocities; use the exact backend")]
+#[error("{solver} could not be set up for a box of {joints} joint velocities: use the exact backend")]
 pub struct BackendError {
+    /// Name of the solver that refused.
+    pub solver: &'static str,
     /// Number of joints of the arm.
     pub joints: usize,
 }
@@ -115,7 +107,7 @@ pub struct Ik<const J: usize> {
     /// The same with the jerk of a stop.
     eased: JointLimits<J>,
     settings: IkSettings<J>,
-    clarabel: Option<Box<ClarabelBox<J>>>,
+    other: Option<Box<OtherBox<J>>>,
     clearance: Option<Box<Clearance<J>>>,
     envelope: Option<Box<Envelope<J>>>,
     /// Whether the tool's envelope is kept; not on the way home, where the pen does not lead the tool.
@@ -125,7 +117,7 @@ pub struct Ik<const J: usize> {
 
 state! {
     [const J: usize] Ik<J> { envelope_in_force, offered }
-    present { clarabel, clearance, envelope }
+    present { other, clearance, envelope }
     fixed { limits, eased, settings }
 }
 
@@ -137,7 +129,7 @@ impl<const J: usize> Ik<J> {
             limits,
             eased: limits.with_jerk(limits::stop_jerk(&limits)).unwrap_or(limits),
             settings,
-            clarabel: None,
+            other: None,
             clearance: None,
             envelope: None,
             envelope_in_force: true,
@@ -149,12 +141,13 @@ impl<const J: usize> Ik<J> {
     ///
     /// # Errors
     ///
-    /// Clarabel refuses its settings.
-    pub fn with_backend(mut self, backend: IkBackend) -> Result<Self, BackendError> {
-        self.clarabel = match backend {
-            IkBackend::Exact => None,
-            IkBackend::Clarabel(profile) => {
-                Some(Box::new(ClarabelBox::new(profile).ok_or(BackendError { joints: J })?))
+    /// The solver refuses to be set up.
+    pub fn with_backend(mut self, backend: Backend) -> Result<Self, BackendError> {
+        self.other = match backend {
+            Backend::Exact => None,
+            Backend::Other(solver) => {
+                let refused = BackendError { solver: solver.name(), joints: J };
+                Some(Box::new(OtherBox::new(solver).ok_or(refused)?))
             }
         };
         Ok(self)
@@ -217,9 +210,9 @@ impl<const J: usize> Ik<J> {
         let allowed = velocity_box(motion, &self.limits, elapsed);
         let task = task::assemble(kinematics, &motion.q, &motion.qd, target, &self.settings, elapsed);
         let (lower, upper) = (SVector::from(allowed.lower), SVector::from(allowed.upper));
-        let solved = match &mut self.clarabel {
+        let solved = match &mut self.other {
             None => box_qp::solve(&task.h, &task.g, &lower, &upper),
-            Some(clarabel) => clarabel.solve(&task.h, &task.g, &lower, &upper),
+            Some(other) => other.solve(&task.h, &task.g, &lower, &upper),
         };
         let mut answer = IkSolution::of(&solved);
         if !answer.status.usable() {

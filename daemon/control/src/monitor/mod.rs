@@ -12,6 +12,8 @@
 //!   arm that is possible would have moved;
 //! - *response*: up to two joints do not answer as the rest of the arm does.
 //!
+//! An arm that only moves slower than it is told is no failure by default: `pace` gives a speed that it can.
+//!
 //! A servo whose damping is below critical leaves the span by its overshoot: the span is widened by where the
 //! arm's own response has the joints, and until that is known by where servos with little damping would be.
 //!

@@ -5,7 +5,8 @@
 //! compared with that of a model with the same lag and the most damping that such an arm can have: a
 //! critically damped filter with the whole lag as its group delay. A sound arm is at least as fast. An arm
 //! found too slow twice in a row, after enough motion, is slow; the tool is then asked for no more than what
-//! the arm has shown, and for a little more with every window in which the arm keeps up.
+//! the arm has shown, and for a little more with every window in which the arm keeps up:
+//! `Mover::within_reach` limits the plan's references to it.
 
 use super::SPEED_NS;
 use super::ceiling::Ceiling;

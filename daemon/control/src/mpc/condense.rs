@@ -1,7 +1,7 @@
 //! The condensed model x̃ = Ã x₀ + B̃ ũ as explicit matrices.
 //!
-//! Used to build the cost once, to hand the rows to Clarabel, and as the second opinion of the sweeps in
-//! [`super::model`]. Normalised units.
+//! Used to build the cost once, to hand the rows to another solver, and as the second opinion of the
+//! sweeps in [`super::model`]. Normalised units.
 
 use super::model::{A, AxisVector, B};
 use crate::qp::cholesky::Square;

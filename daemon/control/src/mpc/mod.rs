@@ -29,9 +29,9 @@ use crate::state::state;
 pub use cost::Gains;
 pub use limits::{AxisLimits, SoftPenalty};
 pub use plan::{ActiveLimits, AxisReport, Plan, PlanReport, SolvePath};
-pub use settings::{Backend, ClarabelProfile, MpcError, MpcSettings};
+pub use settings::{MpcError, MpcSettings};
 
-use crate::qp::clarabel::SoftRowQp;
+use crate::qp::backend::{Backend, SoftRows};
 use crate::qp::dual::{Bounds, DualActiveSet};
 use crate::qp::{KKT_TOLERANCE, QpStatus};
 use crate::units::{AxisState, Trust};
@@ -81,17 +81,17 @@ struct AxisPlanner<const N: usize> {
     /// Positions absolute \[mm\]; those of the working copy count from the start.
     rows: Bounds<4, N>,
     shifted: Bounds<4, N>,
-    clarabel: Option<SoftRowQp>,
+    other: Option<Box<dyn SoftRows>>,
 }
 
-state! { [const N: usize] AxisPlanner<N> { cost, rows, shifted } present { clarabel } }
+state! { [const N: usize] AxisPlanner<N> { cost, rows, shifted } present { other } }
 
 impl<const N: usize> Mpc<N> {
     /// Check the settings and compute everything constant.
     ///
     /// # Errors
-    /// The first setting outside its range, a cost that double precision cannot invert, or Clarabel's
-    /// refusal.
+    /// The first setting outside its range, a cost that double precision cannot invert, or another
+    /// solver's refusal.
     pub fn new(settings: &MpcSettings) -> Result<Self, MpcError> {
         const { assert!(N > 0 && N <= 60, "horizon of 1 to 60 steps") };
         settings.validate()?;
@@ -102,15 +102,15 @@ impl<const N: usize> Mpc<N> {
             let cost = Cost::new(&condensed, behind, feedback, feedforward, settings.effort)
                 .ok_or(MpcError::Singular { axis })?;
             let rows = limits::rows(limits, &scale, &settings.soft_penalty, &cost);
-            let clarabel = match settings.backend {
+            let other = match settings.backend {
                 Backend::Exact => None,
-                Backend::Clarabel(profile) => {
-                    let built =
-                        SoftRowQp::new(&constraint_rows(&condensed), rows.penalty.as_flattened(), profile);
-                    Some(built.ok_or(MpcError::Clarabel { axis })?)
+                Backend::Other(solver) => {
+                    let constraints = constraint_rows(&condensed);
+                    let built = solver.set_up(constraints.as_flattened(), N, rows.penalty.as_flattened());
+                    Some(built.ok_or(MpcError::Solver { solver: solver.name(), axis })?)
                 }
             };
-            Ok(AxisPlanner { cost, rows, shifted: rows, clarabel })
+            Ok(AxisPlanner { cost, rows, shifted: rows, other })
         };
         let ([cx, cy, cz], [fx, fy, fz], [lx, ly, lz]) =
             (&settings.gains_feedback, &settings.gains_feedforward, &settings.limits());
@@ -173,8 +173,7 @@ impl<const N: usize> Mpc<N> {
         let mut jerks = [[0.0; N]; 3];
         for k in 0..3 {
             let (axis, kkt_residual) = (&mut self.axes[k], optimum.residual(k));
-            let normalised = if axis.clarabel.is_none() && optimum.inside(k) && kkt_residual <= KKT_TOLERANCE
-            {
+            let normalised = if axis.other.is_none() && optimum.inside(k) && kkt_residual <= KKT_TOLERANCE {
                 let (path, status) = (SolvePath::Gain, QpStatus::Optimal);
                 report.axes[k] = AxisReport { path, status, kkt_residual, ..AxisReport::default() };
                 optimum.jerks(k)
@@ -226,8 +225,9 @@ impl<const N: usize> Mpc<N> {
 }
 
 impl<const N: usize> AxisPlanner<N> {
-    /// Solves one axis that its lane could not: limits are active, numbers are non-finite, or Clarabel was
-    /// selected. `inputs`: command and arm at the start, held target, references. Returns normalised jerks.
+    /// Solves one axis that its lane could not: limits are active, numbers are non-finite, or another solver
+    /// was selected. `inputs`: command and arm at the start, held target, references. Returns normalised
+    /// jerks.
     ///
     /// Not inlined: the usual tick needs none of this code and keeps its own in the cache.
     #[inline(never)]
@@ -249,8 +249,8 @@ impl<const N: usize> AxisPlanner<N> {
         let start = optimum.start(index);
         let problem =
             AxisProblem { cost: &self.cost, bounds: &self.shifted, start, arm: [position, velocity], pull };
-        if let Some(qp) = &mut self.clarabel {
-            return by_clarabel(&problem, qp);
+        if let Some(qp) = &mut self.other {
+            return by_other(&problem, qp.as_mut());
         }
         if optimum.residual(index) <= KKT_TOLERANCE {
             let motion = rollout(&start, &optimum.jerks(index));
@@ -285,8 +285,8 @@ fn constraint_rows<const N: usize>(condensed: &Condensed<N>) -> Vec<[f64; N]> {
     rows
 }
 
-/// The same problem by Clarabel, judged by the same certificate.
-fn by_clarabel<const N: usize>(problem: &AxisProblem<'_, N>, qp: &mut SoftRowQp) -> ([f64; N], AxisReport) {
+/// The same problem by another solver, judged by the same certificate.
+fn by_other<const N: usize>(problem: &AxisProblem<'_, N>, qp: &mut dyn SoftRows) -> ([f64; N], AxisReport) {
     let mut jerks = [0.0; N];
     let mut report = AxisReport { kkt_residual: f64::NAN, ..AxisReport::default() };
     let Some((linear, scale)) = problem.linear_term() else {
@@ -322,7 +322,7 @@ fn by_clarabel<const N: usize>(problem: &AxisProblem<'_, N>, qp: &mut SoftRowQp)
         let gradient = problem.gradient(&motion, &multipliers);
         report.kkt_residual = problem.residual(&motion, &multipliers, &gradient, scale);
         report.active = problem.count(&multipliers);
-        report.path = SolvePath::Clarabel;
+        report.path = SolvePath::Other;
         if report.kkt_residual <= KKT_TOLERANCE {
             report.status = QpStatus::Optimal;
         }

@@ -60,13 +60,13 @@ pub enum SolvePath {
     /// The exact dual active set.
     ActiveSet,
     /// Solved by the interior-point backend.
-    Clarabel,
+    Other,
     /// There is no usable solution.
     #[default]
     Failed,
 }
 
-choices! { SolvePath { Gain, ActiveSet, Clarabel, Failed } }
+choices! { SolvePath { Gain, ActiveSet, Other, Failed } }
 
 /// Rows that shape an axis' plan, by kind, over the whole horizon.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

@@ -4,18 +4,7 @@ use thiserror::Error;
 
 use super::cost::Gains;
 use super::limits::{AxisLimits, SoftPenalty};
-
-/// Which solver answers when a limit is active.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Backend {
-    /// Constant gains, then the exact dual active set. Allocates nothing.
-    #[default]
-    Exact,
-    /// Clarabel for every plan. Allocates once or twice per axis and is good to about 1e-2 of the jerk limit.
-    Clarabel(ClarabelProfile),
-}
-
-pub use crate::qp::clarabel::ClarabelProfile;
+use crate::qp::backend::Backend;
 
 /// Everything the MPC needs to know before the first tick.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -154,9 +143,11 @@ pub enum MpcError {
         /// Growth per second; 1: does not decay.
         per_s: f64,
     },
-    /// Clarabel refused the problem.
-    #[error("Clarabel could not be set up for axis {axis}")]
-    Clarabel {
+    /// Another solver refused the problem.
+    #[error("{solver} could not be set up for axis {axis}: use the exact backend")]
+    Solver {
+        /// Name of the solver that refused.
+        solver: &'static str,
         /// Axis 0 = x, 1 = y, 2 = z.
         axis: usize,
     },

@@ -1,8 +1,8 @@
 //! Small strictly convex quadratic programs, solved exactly and certified.
 //!
 //! Contract: bounded work, no allocation, no panic. A solution is `Optimal` only if its KKT residual is at
-//! most [`KKT_TOLERANCE`]; anything else says so and the caller falls back. Clarabel is an optional second
-//! opinion ([`clarabel`]) that allocates a little and is accurate to about 1e-6.
+//! most [`KKT_TOLERANCE`]; anything else says so and the caller falls back. Another solver of the same
+//! problems can answer instead ([`backend`]), for comparison.
 
 use crate::state::choices;
 
@@ -11,7 +11,7 @@ pub mod dual;
 pub mod box_qp;
 pub mod row_qp;
 pub(crate) mod offered;
-pub mod clarabel;
+pub mod backend;
 
 /// Largest KKT residual of a solution called optimal, relative to the size of the problem's own gradient.
 pub const KKT_TOLERANCE: f64 = 1e-9;

@@ -5,10 +5,11 @@ use crate::support::reaching;
 
 use reaching::*;
 
+use foretrace_clarabel::ClarabelProfile;
 use foretrace_control::arm::{Chain, JointLimits, JointMotion, velocity_box};
 use foretrace_control::guard::Guard;
-use foretrace_control::ik::{Ik, IkBackend, IkSettings, IkSource, ToolTarget, solve_pose, task};
-use foretrace_control::qp::clarabel::ClarabelProfile;
+use foretrace_control::ik::{Ik, IkSettings, IkSource, ToolTarget, solve_pose, task};
+use foretrace_control::qp::backend::Backend;
 use nalgebra::{SVector, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -91,7 +92,7 @@ fn clarabel_finds_the_same_step() {
     let settings = IkSettings::for_period(TICK_S, UR5_HOME);
     let mut exact = Ik::new(limits, settings);
     let mut clarabel =
-        Ik::new(limits, settings).with_backend(IkBackend::Clarabel(ClarabelProfile::Default)).unwrap();
+        Ik::new(limits, settings).with_backend(Backend::Other(&ClarabelProfile::Default)).unwrap();
     let mut rng = Pcg64::seed_from_u64(3);
     for _ in 0..300 {
         let (motion, target) = random_problem(&mut rng, &chain, &limits);

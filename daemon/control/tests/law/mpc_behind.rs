@@ -1,10 +1,10 @@
 //! Plans behind a servo that is a filter: optimal by an independently written objective, inside the command's
 //! limits, and better for the arm than plans that ignore the servo.
 
-use foretrace_control::mpc::{
-    AxisLimits, Backend, ClarabelProfile, Gains, Mpc, MpcSettings, Plan, SoftPenalty, Start,
-};
+use foretrace_clarabel::ClarabelProfile;
+use foretrace_control::mpc::{AxisLimits, Gains, Mpc, MpcSettings, Plan, SoftPenalty, Start};
 use foretrace_control::qp::QpStatus;
+use foretrace_control::qp::backend::Backend;
 use foretrace_control::units::{AxisState, Trust};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -147,7 +147,7 @@ fn the_command_keeps_its_limits_and_clarabel_agrees() {
     let settings = settings(800.0, 6.0);
     let mut mpc = Mpc::<N>::new(&settings).unwrap();
     let mut clarabel =
-        Mpc::<N>::new(&MpcSettings { backend: Backend::Clarabel(ClarabelProfile::Default), ..settings })
+        Mpc::<N>::new(&MpcSettings { backend: Backend::Other(&ClarabelProfile::Default), ..settings })
             .unwrap();
     let (mut plan, mut second) = (Plan::resting(STEP_S), Plan::resting(STEP_S));
     let (mut active, mut judged) = (0, 0);

@@ -1,9 +1,9 @@
 //! Every plan of the exact path is the optimum: certified on tens of thousands of problems, and never worse
 //! than Clarabel's answer to the same problem by an independently written objective.
 
-use foretrace_control::mpc::{
-    AxisLimits, Backend, ClarabelProfile, Gains, Mpc, MpcSettings, Plan, PlanReport, SoftPenalty,
-};
+use foretrace_clarabel::ClarabelProfile;
+use foretrace_control::mpc::{AxisLimits, Gains, Mpc, MpcSettings, Plan, PlanReport, SoftPenalty};
+use foretrace_control::qp::backend::Backend;
 use foretrace_control::qp::{KKT_TOLERANCE, QpStatus};
 use foretrace_control::units::{AxisState, Trust};
 use rand::{RngExt, SeedableRng};
@@ -217,7 +217,7 @@ fn run_random<const N: usize>(seed: u64, loops: usize, per_loop: usize, judged: 
         let settings = if round == 0 { defaults() } else { random_settings(&mut rng) };
         let mut mpc = Mpc::<N>::new(&settings).unwrap();
         let mut clarabel =
-            Mpc::<N>::new(&MpcSettings { backend: Backend::Clarabel(ClarabelProfile::Default), ..settings })
+            Mpc::<N>::new(&MpcSettings { backend: Backend::Other(&ClarabelProfile::Default), ..settings })
                 .unwrap();
         for k in 0..per_loop {
             let problem = random_problem(&mut rng, &settings);
@@ -269,7 +269,7 @@ fn closed_loops_are_solved_to_the_certificate_whatever_trust_does() {
         }; 3];
         let mut mpc = Mpc::<10>::new(&settings).unwrap();
         let mut clarabel =
-            Mpc::<10>::new(&MpcSettings { backend: Backend::Clarabel(ClarabelProfile::Tuned), ..settings })
+            Mpc::<10>::new(&MpcSettings { backend: Backend::Other(&ClarabelProfile::Tuned), ..settings })
                 .unwrap();
         let mut plan = Plan::resting(settings.step_s);
         let mut start: [AxisState; 3] = std::array::from_fn(|axis| letters(axis, 0.0));

@@ -1,7 +1,8 @@
 //! The box QP against enumeration of every active set, and against hostile input.
 
+use foretrace_clarabel::ClarabelProfile;
+use foretrace_control::qp::backend::OtherBox;
 use foretrace_control::qp::box_qp::{BoxSolution, solve};
-use foretrace_control::qp::clarabel::{ClarabelBox, ClarabelProfile};
 use foretrace_control::qp::dual::{Bounds, DualActiveSet, Gram, Rows, Termination};
 use foretrace_control::qp::{KKT_TOLERANCE, QpStatus};
 use nalgebra::{SMatrix, SVector};
@@ -180,7 +181,7 @@ fn empty_box_and_nan_bound_are_refused() {
 fn never_worse_than_clarabel_whose_answer_stays_in_the_box() {
     let mut rng = Pcg64Mcg::seed_from_u64(4);
     for profile in [ClarabelProfile::Default, ClarabelProfile::Tuned] {
-        let mut clarabel = ClarabelBox::<6>::new(profile).unwrap();
+        let mut clarabel = OtherBox::<6>::new(&profile).unwrap();
         let mut usable = 0;
         for case in 0..1500 {
             let (h, g, lower, upper) = random_problem(&mut rng);
@@ -247,7 +248,7 @@ fn contradicting_hard_rows_are_infeasible_and_a_soft_one_gives_way() {
 #[test]
 fn clarabel_names_the_bounds_that_hold() {
     let mut rng = Pcg64Mcg::seed_from_u64(5);
-    let mut clarabel = ClarabelBox::<6>::new(ClarabelProfile::Default).unwrap();
+    let mut clarabel = OtherBox::<6>::new(&ClarabelProfile::Default).unwrap();
     let mut seen = [[0_u32; 6]; 3];
     for case in 0..1000 {
         let (h, g, lower, upper) = random_problem(&mut rng);

@@ -1,7 +1,8 @@
 //! The box with rows: certificates, a second solver, and rows that contradict each other.
 
+use foretrace_clarabel::ClarabelProfile;
+use foretrace_control::qp::backend::OtherSolver;
 use foretrace_control::qp::box_qp;
-use foretrace_control::qp::clarabel::{ClarabelProfile, SoftRowQp};
 use foretrace_control::qp::row_qp::{PENALTY, RowSet, solve};
 use foretrace_control::qp::{KKT_TOLERANCE, QpStatus};
 use nalgebra::{SMatrix, SVector};
@@ -86,7 +87,7 @@ fn clarabel_finds_the_same_minimum() {
             upper.push(b.abs() + 20.0);
         }
         let penalties = [[f64::INFINITY; 6], [PENALTY; 6]].concat();
-        let mut other = SoftRowQp::new(&matrix, &penalties, ClarabelProfile::Default).unwrap();
+        let mut other = ClarabelProfile::Default.set_up(matrix.as_flattened(), 6, &penalties).unwrap();
         let (mut x, mut z) = (Vector::zeros(), [0.0; 12]);
         let solved =
             other.solve(case.h.as_slice(), case.g.as_slice(), &lower, &upper, x.as_mut_slice(), &mut z);

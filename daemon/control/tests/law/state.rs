@@ -2,15 +2,15 @@
 
 use crate::support::strokes::on_paper;
 use crate::support::{Bench, HOME, PERIOD_NS, learner, models_with_network, settings};
+use foretrace_clarabel::ClarabelProfile;
 use foretrace_control::arm::lag::Following;
 use foretrace_control::clearance::ClearanceSettings;
 use foretrace_control::follower::{
     Budget, EnableReading, Follower, FollowerSettings, Mode, NoClock, Request, StepInput,
 };
-use foretrace_control::mpc::Backend;
 use foretrace_control::pen::PenReading;
 use foretrace_control::predict::{LearnStep, OnlineWeights, PredictorKind};
-use foretrace_control::qp::clarabel::ClarabelProfile;
+use foretrace_control::qp::backend::Backend;
 use foretrace_control::state::{self, StateError};
 use foretrace_control::units::Stamp;
 use rand::{RngExt, SeedableRng};
@@ -235,6 +235,6 @@ fn a_state_needs_room_and_the_exact_solver() {
     assert!(state::write(&follower, &mut room[..taken - 1]).is_none());
 
     let mut other = settings;
-    other.mpc.backend = Backend::Clarabel(ClarabelProfile::default());
+    other.mpc.backend = Backend::Other(&ClarabelProfile::Tuned);
     assert!(state::bytes_of(&Follower::<10, 6>::new(other).unwrap()).is_none());
 }

@@ -13,9 +13,9 @@ use crate::follower::io::{Health, NoClock};
 use crate::follower::motion::{MotionGoal, Mover};
 use crate::follower::settings::RestRemedy;
 use crate::follower::{Budget, FollowerError, FollowerSettings};
-use crate::ik::{IkBackend, ToolTarget, solve_pose};
-use crate::mpc::Backend;
+use crate::ik::{ToolTarget, solve_pose};
 use crate::pen::PenReading;
+use crate::qp::backend::Backend;
 use crate::units::{AxisState, Stamp, Trust};
 
 /// Longest simulation of one step \[s\].
@@ -133,7 +133,7 @@ fn swing<const N: usize, const J: usize>(
 ) -> Result<Option<(usize, f64)>, FollowerError> {
     // The exact solvers find the optimum that the others approximate, a hundred times as fast.
     let mut exact = settings.clone();
-    (exact.mpc.backend, exact.ik_backend) = (Backend::Exact, IkBackend::Exact);
+    (exact.mpc.backend, exact.ik_backend) = (Backend::Exact, Backend::Exact);
     // Clearance is off: in front of obstacles the arm waits, and the step is not checked for them.
     exact.clearance = None;
     let mut mover = Box::new(Mover::<N, J>::built(&exact)?);
