@@ -252,8 +252,8 @@ fn nobody_to_stop_is_said_in_time() {
     assert!(matches!(error, StopError::NoDaemon { .. }), "{error}");
 }
 
-/// The slowest solver at the highest rate, solving for both plan and joints: late on every machine there is. A
-/// busy machine that takes the processor away for long is another reason to stop, and not meant here.
+/// The slowest solver at the highest rate, solving for both plan and joints: late on every machine there is.
+/// That a busy machine takes the processor away for long is another reason to stop, and not meant here.
 const TOO_SLOW: [&str; 10] = [
     "--rate",
     "1000",
