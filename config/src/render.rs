@@ -55,7 +55,7 @@ impl Config {
         format!(
             "{}: ok\n  {} keys from the file, {} from the preset, {} by default\n  \
              loop {} Hz, pen step {} ms, plan of {} steps of {} ms, predictor {}, trust {}\n  \
-             robot {}, dead time {} ms",
+             robot {}, dead time {} ms, pen samples predicted up to an age of {} ms",
             self.name(),
             count(|origin| matches!(origin, SettingOrigin::File { .. } | SettingOrigin::Override)),
             count(|origin| matches!(origin, SettingOrigin::Preset { .. })),
@@ -68,6 +68,7 @@ impl Config {
             s.trust.mode.word(),
             s.robot.urdf,
             s.timing.dead_time_ms,
+            s.pen.stale_ms,
         )
     }
 }

@@ -138,7 +138,8 @@ section! {
         /// After arming the tool stays lifted until it is this close to the pen. Five times as far away, and
         /// 50 mm at least, it lifts again.
         approach_distance_m: f64 = Between(0.0005, 0.5), Default("0.01"), AtStart, "0.01";
-        /// Silence of the pen after which the arm counts as holding, at rest where the pen was last seen.
+        /// Time without a new pen sample after which the arm counts as holding, at rest where the pen was
+        /// last seen; however old samples are when they arrive.
         hold_after_ms: f64 = Between(10.0, 10000.0), Default("200.0"), AtStart, "200";
         /// Longest use of an earlier plan, when there is no fresh one, before the joints stop.
         previous_plan_max_ms: f64 = Between(2.0, 200.0), Default("50.0"), AtStart, "50: the length of a plan";

@@ -11,7 +11,8 @@ section! {
         /// Longest pause between samples that is bridged by a straight line, from 2 to 32 steps; a longer one
         /// starts a new path.
         max_gap_ms: f64 = Between(8.0, 640.0), Required, AtStart, "100: ten reports of a 100 Hz tablet";
-        /// Age of the newest sample beyond which the input is stale: trust falls to 0, then the arm stops.
+        /// Age of the newest sample beyond which the input is stale: trust falls to 0. Samples that are older
+        /// when they arrive begin no motion; twice as old they end it.
         stale_ms: f64 = Between(10.0, 2000.0), Required, AtStart, "100";
         /// Largest plausible speed, in pen metres; a faster step counts as a jump between strokes (or a
         /// fault), not as motion.

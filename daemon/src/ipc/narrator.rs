@@ -3,7 +3,7 @@
 //! Contract: changes are logged at once, floods once per second with their number. A refusal for a reason not
 //! logged before is logged at once too.
 
-use foretrace_control::follower::Mode;
+use foretrace_control::follower::{Health, Mode};
 use foretrace_control::learn::{Promotion, PromotionCause};
 use foretrace_control::pen::TARGET_RMS;
 use foretrace_control::predict::PredictorKind;
@@ -86,6 +86,9 @@ fn since<'a>(
 const SLOW_SHARE: f64 = 0.75;
 const KEEPS_UP_SHARE: f64 = 0.95;
 
+/// So many samples in a row show how old they are when they arrive.
+const AGED_SAMPLES: i32 = 20;
+
 /// What has been logged.
 #[derive(Debug, Default)]
 pub struct Narrator {
@@ -93,6 +96,11 @@ pub struct Narrator {
     predictor: Option<PredictorKind>,
     /// The arm was reported slow.
     slow: bool,
+    /// Pen samples were reported as too old.
+    pen_old: bool,
+    /// Samples in a row that arrived too old, or with the sign reversed in time.
+    aged: i32,
+    pen_stamp: Option<Stamp>,
     /// That it moves without a dead-man was logged.
     without_dead_man: bool,
     reported: FloodCounts,
@@ -142,6 +150,7 @@ impl Narrator {
             warn!(tick = facts.tick, "{news}");
         }
         self.pace(facts);
+        self.pen_age(facts);
         self.floods(facts);
         changed
     }
@@ -171,6 +180,38 @@ impl Narrator {
         } else if share > KEEPS_UP_SHARE && self.slow {
             self.slow = false;
             info!(tick, "the arm keeps up with what is asked again");
+        }
+    }
+
+    /// Logs once that pen samples are too old when they arrive, and once that they no longer are.
+    fn pen_age(&mut self, facts: &TickFacts) {
+        let output = &facts.output;
+        let Some(stamp) = output.pen_stamp.filter(|stamp| self.pen_stamp != Some(*stamp)) else { return };
+        self.pen_stamp = Some(stamp);
+        let old = output.health.has(Health::PEN_STALE);
+        self.aged = match (old, self.aged) {
+            (true, 0..) => (self.aged + 1).min(AGED_SAMPLES),
+            (false, ..=0) => (self.aged - 1).max(-AGED_SAMPLES),
+            (old, _) => {
+                if old {
+                    1
+                } else {
+                    -1
+                }
+            }
+        };
+        let tick = facts.tick;
+        if self.aged >= AGED_SAMPLES && !self.pen_old {
+            self.pen_old = true;
+            let age_ms = facts.finished.since(stamp) / 1_000_000;
+            warn!(
+                tick,
+                "pen samples are {age_ms} ms old when they arrive, more than pen.stale_ms: they are not \
+                 predicted and begin no motion; raise pen.stale_ms, or shorten their way"
+            );
+        } else if self.aged <= -AGED_SAMPLES && self.pen_old {
+            self.pen_old = false;
+            info!(tick, "pen samples arrive within pen.stale_ms again");
         }
     }
 
@@ -271,6 +312,29 @@ mod tests {
         let lines: Vec<_> = since(&now, &before).map(|((what, ..), more)| (more, *what)).collect();
         assert_eq!(lines, [(3, "ticks after their deadline"), (3, "pen samples refused")]);
         assert_eq!(since(&now, &now).count(), 0);
+    }
+
+    #[test]
+    fn a_stream_of_old_samples_is_logged_once_and_a_gap_is_none() {
+        let mut narrator = Narrator::default();
+        let mut ms = 1000;
+        // So many new samples, each seen by three ticks.
+        let mut reported = |samples: u64, old: bool| {
+            for _ in 0..samples {
+                ms += 5;
+                let mut facts = facts(ms);
+                facts.output.pen_stamp = Some(Stamp(ms * 1_000_000));
+                facts.output.health = Health(if old { Health::PEN_STALE } else { 0 });
+                for _ in 0..3 {
+                    narrator.tick(&facts);
+                }
+            }
+            narrator.pen_old
+        };
+        assert!(!reported(100, false) && !reported(19, true), "a short stretch says nothing");
+        assert!(!reported(1, false) && !reported(19, true), "it is counted from its beginning");
+        assert!(reported(1, true) && reported(19, false));
+        assert!(!reported(1, false) && !reported(5, true));
     }
 
     #[test]

@@ -19,6 +19,7 @@ use crate::arm::options::JointArgs;
 use crate::failure::Failure;
 use crate::output::{JsonArgs, note, say, say_lines, tell};
 use crate::settings::SettingsArgs;
+use crate::values::number;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct ClosedLoopArgs {
@@ -47,6 +48,11 @@ pub(crate) struct ClosedLoopArgs {
     /// Lifts without recorded hover: keep the jump of one sample, or insert a synthetic travel
     #[arg(long, value_name = "KIND", value_parser = ["leap", "travel"], default_value = "leap")]
     lifts: String,
+
+    /// Age of every pen sample when it arrives, as behind a network [ms]
+    #[arg(long, value_name = "MS", default_value_t = 0.0, value_parser = age,
+        conflicts_with_all = ["arm_socket", "stop_at", "ticks"])]
+    pen_age: f64,
 
     /// Plot error against jerk instead of the table: sweep every method over its tuning [default: hold,
     /// mixture and the baselines]
@@ -87,10 +93,19 @@ pub(crate) struct ClosedLoopArgs {
 }
 
 impl ClosedLoopArgs {
-    /// What is wrong with ur5 and slow.
+    /// What is wrong with ur5 and slow, and with the pen.
     fn flaws(&self) -> Flaws {
-        Flaws { damping: self.joints.damping(), mechanics: self.joints.mechanics() }
+        Flaws {
+            damping: self.joints.damping(),
+            mechanics: self.joints.mechanics(),
+            pen_age_ns: (self.pen_age * 1e6) as u64,
+        }
     }
+}
+
+/// An age of pen samples [ms].
+fn age(text: &str) -> Result<f64, String> {
+    number(0.0..=1000.0, "a number of milliseconds from 0 to 1000")(text)
 }
 
 pub(super) fn run(args: &ClosedLoopArgs) -> Result<(), Failure> {

@@ -24,18 +24,21 @@ pub enum BenchArm {
     Slow,
 }
 
-/// What is wrong with the arms that have a servo, [`BenchArm::Ur5`] and [`BenchArm::Slow`].
+/// What is not ideal: the arms that have a servo, [`BenchArm::Ur5`] and [`BenchArm::Slow`], and the way of
+/// the pen's samples.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Flaws {
     /// Damping ratio of the servo; 1: none.
     pub damping: f64,
     /// Friction, gain, backlash, sag and encoder steps.
     pub mechanics: Mechanics,
+    /// Age of a pen sample when it arrives \[ns\].
+    pub pen_age_ns: u64,
 }
 
 impl Default for Flaws {
     fn default() -> Self {
-        Self { damping: 1.0, mechanics: Mechanics::IDEAL }
+        Self { damping: 1.0, mechanics: Mechanics::IDEAL, pen_age_ns: 0 }
     }
 }
 
@@ -43,7 +46,7 @@ impl Flaws {
     /// `kind` with them.
     #[must_use]
     pub fn of(&self, kind: ArmKind) -> ArmKind {
-        let Self { damping, mechanics } = *self;
+        let Self { damping, mechanics, .. } = *self;
         match kind {
             ArmKind::Ur5(arm) => ArmKind::Ur5(ArmSettings { damping, mechanics, ..arm }),
             kind => kind,

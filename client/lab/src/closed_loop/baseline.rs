@@ -55,6 +55,7 @@ pub(super) struct BaselineDesk {
     arm: Box<dyn DeskArm>,
     measured: Measured,
     period_ns: u64,
+    pen_age_ns: u64,
     now: Stamp,
     /// Commanded joints \[rad\] and their velocity \[rad/s\].
     q: [f64; JOINTS],
@@ -92,6 +93,7 @@ impl BaselineDesk {
             arm: behind.built(home),
             measured: Measured::plain(now, home, [0.0; JOINTS]),
             period_ns: law.period_ns,
+            pen_age_ns: 0,
             now,
             q: home,
             qd: [0.0; JOINTS],
@@ -149,6 +151,10 @@ impl BaselineDesk {
 }
 
 impl Desk for BaselineDesk {
+    fn delay_pen(&mut self, age_ns: u64) {
+        self.pen_age_ns = age_ns;
+    }
+
     /// `requests` are for the law and are ignored.
     fn write(
         &mut self,
@@ -168,10 +174,10 @@ impl Desk for BaselineDesk {
         let mut out = ClosedLoop::default();
         let mut samples = pen.iter().peekable();
         let mut due = Vec::new();
-        let end = pen.last().map_or(begin, |sample| sample.stamp);
+        let end = pen.last().map_or(begin, |sample| sample.stamp) + self.pen_age_ns;
         while self.now <= end {
             due.clear();
-            while let Some(sample) = samples.next_if(|sample| sample.stamp <= self.now) {
+            while let Some(sample) = samples.next_if(|sample| sample.stamp + self.pen_age_ns <= self.now) {
                 due.push(self.reach.heard(sample));
             }
             let tick = self.tick(&due)?;

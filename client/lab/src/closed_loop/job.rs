@@ -184,6 +184,7 @@ impl Benchmark<'_> {
         mut take: impl FnMut(&super::Sequence, ClosedLoop),
     ) -> Result<(), BenchError> {
         let mut desk = self.desk(job)?;
+        desk.delay_pen(self.flaws.pen_age_ns);
         for (index, sequence) in job.hand.sequences.iter().enumerate().take(count) {
             let run = desk.write(&sequence.path.samples, WAIT_S, &[]).map_err(|error| BenchError::Run {
                 file: job.hand.file.clone(),

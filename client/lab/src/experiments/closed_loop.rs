@@ -1,8 +1,8 @@
 //! Pen paths through the whole control law in simulated time: the same `Follower::step` as the daemon's.
 //!
 //! Contract: deterministic. Samples reach the loop at the first tick at or after their stamp, as over shared
-//! memory with no delay. The learner, if there is one, takes each closed step at once, and its weights take
-//! effect at the next tick.
+//! memory with no delay, or later by a constant age, as over a network. The learner, if there is one, takes
+//! each closed step at once, and its weights take effect at the next tick.
 
 use foretrace_control::contact::EffortUnit;
 use foretrace_control::follower::{
@@ -92,6 +92,9 @@ pub struct DeskOptions {
 /// A loop and its arm that write one path after the other: between them only the loop's own reset for an
 /// absent pen happens.
 pub trait Desk {
+    /// From now on pen samples are `age_ns` old when they arrive.
+    fn delay_pen(&mut self, age_ns: u64);
+
     /// Writes `path` from beginning to end, and 0.3 s of a resting pen behind it. The pen rests above its
     /// first sample for `wait_s` \[s\] before. `requests` are made at the path times \[s\] given with them,
     /// which rise.
@@ -183,6 +186,7 @@ struct LoopDesk<const N: usize> {
     oracle: bool,
     armed: bool,
     now: Stamp,
+    pen_age_ns: u64,
     /// Commanded last \[rad/s\].
     qd: [f64; JOINTS],
 }
@@ -204,6 +208,7 @@ impl<const N: usize> LoopDesk<N> {
             promoted: None,
             oracle: options.oracle,
             armed: false,
+            pen_age_ns: 0,
             qd: [0.0; JOINTS],
         })
     }
@@ -255,6 +260,10 @@ impl<const N: usize> LoopDesk<N> {
 }
 
 impl<const N: usize> Desk for LoopDesk<N> {
+    fn delay_pen(&mut self, age_ns: u64) {
+        self.pen_age_ns = age_ns;
+    }
+
     fn write(
         &mut self,
         path: &[PathSample],
@@ -323,10 +332,10 @@ impl<const N: usize> LoopDesk<N> {
         let mut requests = requests.iter().peekable();
         let mut samples = pen.iter().peekable();
         let mut due = Vec::new();
-        let end = pen.last().map_or(begin, |sample| sample.stamp);
+        let end = pen.last().map_or(begin, |sample| sample.stamp) + self.pen_age_ns;
         while self.now <= end {
             due.clear();
-            while let Some(sample) = samples.next_if(|sample| sample.stamp <= self.now) {
+            while let Some(sample) = samples.next_if(|sample| sample.stamp + self.pen_age_ns <= self.now) {
                 due.push(*sample);
             }
             let ready = |(t_s, _): &&(f64, Request)| self.armed && stamp_of(*t_s) <= self.now;

@@ -364,6 +364,33 @@ fn a_name_that_nobody_has_is_answered_with_all_names_in_order() {
     assert!(error.to_string().contains(names), "{error}");
 }
 
+/// Behind a network every sample is old when it arrives: the pen does not rest meanwhile.
+#[test]
+fn samples_that_are_old_on_arrival_are_predicted_up_to_the_age_that_the_settings_allow() {
+    let errors = |stale_ms: &str, age_ms: u64| {
+        let config = Draft::preset("ur5").set("pen.stale_ms", stale_ms).finish().unwrap();
+        let mut benchmark = benchmark(&config, &[BenchArm::Ur5], &["hold", "mixture"]);
+        benchmark.flaws.pen_age_ns = age_ms * 1_000_000;
+        let rows = MethodOutcome::table(&benchmark.run(|| {}).unwrap());
+        let rms_mm = |name| find(&rows, BenchArm::Ur5, name).mse_m2.sqrt() * 1e3;
+        (rms_mm("hold"), rms_mm("mixture"))
+    };
+    for (stale_ms, age_ms, most) in
+        [("100", 20, 0.6), ("100", 60, 0.8), ("300", 120, 0.95), ("340", 300, 1.05)]
+    {
+        let (hold, predicted) = errors(stale_ms, age_ms);
+        println!("age {age_ms} ms: hold {hold:.2} mm, predicted {predicted:.2} mm");
+        assert!(predicted < most * hold, "age {age_ms} ms: {predicted} mm beside {hold} mm");
+    }
+    // Older than allowed: motion does not begin. What happens to a stream that becomes older:
+    // daemon/control/tests/law/follower.rs.
+    let ((hold, _), (standing, predicted)) = (errors("100", 90), errors("100", 130));
+    assert!(
+        standing > 1.2 * hold && (predicted / standing - 1.0).abs() < 1e-3,
+        "{standing} beside {hold} mm"
+    );
+}
+
 fn find<'a>(rows: &'a [BenchRow], arm: BenchArm, name: &str) -> &'a BenchRow {
     rows.iter().find(|row| row.arm == arm.name() && row.predictor == name).unwrap()
 }

@@ -163,7 +163,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
 
         // Pen: samples onto the grid.
         let pen = self.pen.read(now, input.pen, &mut health);
-        self.watch.observe_pen(pen.age_ns);
+        self.watch.observe_pen(pen.silent_ns, pen.late_ns);
         let closed = self.prediction.observe(pen.steps(), &self.preview, &mut health);
         clock.lap(Stage::Pen);
 

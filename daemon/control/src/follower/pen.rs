@@ -24,6 +24,10 @@ pub(super) struct PenTick {
     count: usize,
     /// Age of the newest sample \[ns\].
     pub(super) age_ns: Option<u64>,
+    /// Time since it arrived \[ns\].
+    pub(super) silent_ns: Option<u64>,
+    /// Age that it had when it arrived \[ns\].
+    pub(super) late_ns: Option<u64>,
     /// The newest accepted sample.
     pub(super) newest: Option<PenReading>,
     /// Where the pen is assumed to rest \[m\], if it is silent.
@@ -67,10 +71,9 @@ impl PenIntake {
         if age_ns.is_none_or(|age| age > self.stale_after_ns) {
             health.set(Health::PEN_STALE);
         }
-        if let Some(newest) = &newest {
-            self.silence.observe(newest);
-        }
-        PenTick { steps, count, age_ns, newest, resting_at: self.silence.resting_at(now) }
+        self.silence.observe(now, newest.as_ref());
+        let (silent_ns, late_ns) = (self.silence.silent_ns(now), self.silence.late_ns());
+        PenTick { steps, count, age_ns, silent_ns, late_ns, newest, resting_at: self.silence.resting_at(now) }
     }
 
     pub(super) const fn tracker(&self) -> &PenTracker {

@@ -24,6 +24,8 @@ const ARMING_LEAST_NS: i64 = 20_000_000;
 #[derive(Debug, Clone)]
 pub(super) struct ModeWatch<const J: usize> {
     settings: SafetySettings,
+    /// Pen samples older than this are stale \[ns\].
+    stale_after_ns: u64,
     /// Distance that the arm keeps on its way home \[m\].
     pub(super) margin_m: f64,
     mode: Mode,
@@ -44,13 +46,14 @@ state! {
     [const J: usize] ModeWatch<J> {
         mode, reason, detail, letting_go, joints, interval_ns, enable, enable_honoured,
     }
-    fixed { settings, margin_m }
+    fixed { settings, stale_after_ns, margin_m }
 }
 
 impl<const J: usize> ModeWatch<J> {
     pub(super) fn new(settings: &FollowerSettings<J>) -> Self {
         Self {
             settings: settings.safety,
+            stale_after_ns: settings.trust.stale_after_ns,
             margin_m: settings.clearance.as_ref().map_or(0.0, |clearance| clearance.margin_m),
             mode: Mode::Idle,
             reason: StopReason::None,
@@ -142,16 +145,18 @@ impl<const J: usize> ModeWatch<J> {
         }
     }
 
-    /// Follows while the pen is live, holds when it is silent.
-    pub(super) fn observe_pen(&mut self, pen_age_ns: Option<u64>) {
-        let younger_than = |most_ns: u64| pen_age_ns.is_some_and(|age| age <= most_ns);
-        let hold_after_ns = self.settings.hold_after_ns;
-        // Without hysteresis, stamps that fall behind would hold in every tick before a sample and follow in
-        // every tick after it.
-        let again_ns = hold_after_ns / 2;
+    /// Follows while the pen is live, holds when it is silent for `silent_ns`, or when its newest sample was
+    /// `late_ns` old on arrival and that is far too old.
+    pub(super) fn observe_pen(&mut self, silent_ns: Option<u64>, late_ns: Option<u64>) {
+        let within = |ns: Option<u64>, most_ns: u64| ns.is_some_and(|ns| ns <= most_ns);
+        let (hold_after_ns, stale_after_ns) = (self.settings.hold_after_ns, self.stale_after_ns);
+        // Both have hysteresis of a factor of 2: a stream near its bound would begin and end motion all the
+        // time.
+        let live = within(silent_ns, hold_after_ns / 2) && within(late_ns, stale_after_ns);
+        let gone = !within(silent_ns, hold_after_ns) || !within(late_ns, 2 * stale_after_ns);
         self.mode = match self.mode {
-            Mode::Armed | Mode::Holding if younger_than(again_ns) => Mode::Following,
-            Mode::Following if !younger_than(hold_after_ns) => Mode::Holding,
+            Mode::Armed | Mode::Holding if live => Mode::Following,
+            Mode::Following if gone => Mode::Holding,
             other => other,
         };
     }

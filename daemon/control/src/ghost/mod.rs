@@ -31,8 +31,11 @@ use crate::predict::PredictorKind;
 use crate::trust::TrustRequest;
 use crate::units::{Stamp, Trust};
 
-/// Delay of the judgement \[ns\]: enough for every shift of the lag and a pen that is 50 ms old.
+/// Delay of the judgement \[ns\]: enough for every shift of the lag and a pen that is 50 ms old; for an older
+/// one by its age more.
 const JUDGED_AFTER_NS: u64 = PEN_AHEAD_NS + 50_000_000;
+/// Oldest pen that the tracks have room for \[ns\].
+const OLDEST_PEN_NS: u64 = 300_000_000;
 /// Memory of recent figures, in time of writing \[ns\].
 const MEMORY_NS: u64 = 3_000_000_000;
 /// Settling time of both tools after missing ticks \[ns\].
@@ -41,8 +44,8 @@ const SETTLING_NS: u64 = 1_000_000_000;
 const PEN_GAP_NS: i64 = 50_000_000;
 /// Gaps in the ghost's commands longer than this are not interpolated \[ns\].
 const TOOL_GAP_NS: i64 = 50_000_000;
-/// Points kept: half a second at 1 kHz.
-const KEPT: usize = 512;
+/// Points kept: a second at 1 kHz.
+const KEPT: usize = 1024;
 /// No jump gate: the real loop's has judged already \[m/s\].
 const ANY_SPEED_MPS: f64 = 1e9;
 
@@ -122,6 +125,9 @@ pub struct Ghost<const N: usize, const J: usize> {
     plane: Plane,
     approach_distance: f64,
     last_tick: Option<u64>,
+    /// Age of the newest pen sample when it arrived \[ns\].
+    pen_late_ns: u64,
+    looked: Stamp,
     engaged: bool,
     approached: bool,
     settled_at: Stamp,
@@ -155,6 +161,8 @@ impl<const N: usize, const J: usize> Ghost<N, J> {
             plane,
             approach_distance,
             last_tick: None,
+            pen_late_ns: 0,
+            looked: Stamp(0),
             engaged: false,
             approached: false,
             settled_at: Stamp(0),
@@ -175,7 +183,11 @@ impl<const N: usize, const J: usize> Ghost<N, J> {
         let output = tick.output;
         let whole =
             self.last_tick.replace(tick.tick).is_some_and(|last| last.checked_add(1) == Some(tick.tick));
+        let looked = std::mem::replace(&mut self.looked, tick.now);
         if let Some(stamp) = output.pen_stamp {
+            if self.pen.newest().is_none_or(|newest| newest < stamp) {
+                self.pen_late_ns = looked.0.saturating_sub(stamp.0).min(OLDEST_PEN_NS);
+            }
             let (position, contact) = (output.pen_position, output.pen_contact);
             self.pen.push(Point { stamp, position, contact });
         }
@@ -301,8 +313,9 @@ impl<const N: usize, const J: usize> Ghost<N, J> {
     /// Judges the instants around which everything is known by now.
     fn judge(&mut self, tick: &GhostTick<'_, J>) -> Option<Compared> {
         let mut newest = None;
+        let after_ns = JUDGED_AFTER_NS + self.pen_late_ns;
         while let Some(&(instant, real)) = self.waiting.front() {
-            if instant.plus_ns(JUDGED_AFTER_NS) > tick.now {
+            if instant.plus_ns(after_ns) > tick.now {
                 break;
             }
             self.waiting.pop_front();

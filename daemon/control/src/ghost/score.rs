@@ -1,7 +1,7 @@
 //! Distance and lag of two tools behind the pen, recent and over a whole session.
 //!
 //! Contract: both tools are judged at the same instants against the same pen. Lag is the shift s with the
-//! least mean of |tool(t) − pen(t − s)|², on a grid of 5 ms from −50 to 200 ms, refined by a parabola through
+//! least mean of |tool(t) − pen(t − s)|², on a grid of 5 ms from −50 to 400 ms, refined by a parabola through
 //! the minimum and its neighbours, as in the lab. Keeps sums only; nothing allocates.
 
 use super::track::Track;
@@ -11,8 +11,8 @@ use crate::units::Stamp;
 const FIRST_MS: i64 = -50;
 /// Distance of two shifts \[ms\].
 const STRIDE_MS: i64 = 5;
-/// Shifts tried: up to 200 ms.
-const SHIFTS: usize = 51;
+/// Shifts tried: up to 400 ms, for a pen that is 300 ms old.
+const SHIFTS: usize = 91;
 /// Fewest samples for a lag.
 const FEWEST: f64 = 50.0;
 
@@ -252,7 +252,7 @@ mod tests {
 
     #[test]
     fn lag_is_found_within_a_millisecond_whichever_its_sign() {
-        for late in [-32.0, -1.3, 0.0, 12.5, 61.0, 148.0] {
+        for late in [-32.0, -1.3, 0.0, 12.5, 61.0, 148.0, 307.0] {
             let [one, other] = score([late, 40.0], 6, |_| true).tracking();
             for (lag, truth) in [(one.recent_lag, late), (one.session_lag, late), (other.session_lag, 40.0)] {
                 let lag_ms = lag.unwrap() * 1e3;
@@ -263,8 +263,8 @@ mod tests {
 
     #[test]
     fn a_lag_beyond_the_range_stays_at_its_border() {
-        let [early, late] = score([-90.0, 230.0], 4, |_| true).tracking();
-        assert_eq!((early.session_lag, late.session_lag), (Some(-0.05), Some(0.2)));
+        let [early, late] = score([-90.0, 430.0], 4, |_| true).tracking();
+        assert_eq!((early.session_lag, late.session_lag), (Some(-0.05), Some(0.4)));
     }
 
     #[test]

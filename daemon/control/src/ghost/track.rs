@@ -67,6 +67,12 @@ impl Track {
         })
     }
 
+    /// Stamp of the newest point.
+    #[must_use]
+    pub fn newest(&self) -> Option<Stamp> {
+        self.points.back().map(|point| point.stamp)
+    }
+
     /// Forgets all points that it has.
     pub fn clear(&mut self) {
         self.points.clear();

@@ -8,6 +8,7 @@ use foretrace_control::follower::{
     Budget, EnableReading, Health, JointReading, Mode, Refusal, Request, Rung, StepInput, StepOutput,
 };
 use foretrace_control::guard::{Commanded, consumer_state};
+use foretrace_control::pen::PenReading;
 use foretrace_control::predict::{Oracle, PredictorKind};
 use foretrace_control::stop::StopReason;
 use foretrace_control::trust::TrustRequest;
@@ -157,6 +158,31 @@ fn stamps_that_fall_behind_end_in_one_hold_and_do_not_flap() {
         mode = output.mode;
     }
     assert_eq!((mode, changes), (Mode::Holding, 1));
+}
+
+/// Behind a network every sample is old. Silence counts from when it came.
+#[test]
+fn a_pen_that_is_old_when_it_comes_is_followed_unless_it_is_far_too_old() {
+    let mut bench = Bench::armed(settings(PredictorKind::CONSTANT_VELOCITY));
+    let start = bench.now;
+    // Modes seen over 2 s of samples of this age, and no more samples in the last 120 ms.
+    let mut told = |age_ms: u64| {
+        let mut modes = Vec::new();
+        for tick in 0..1000 {
+            let stamp = Stamp(bench.now.0 - age_ms * 1_000_000);
+            let pen = PenReading::new(stamp, curve(stamp.seconds_since(start)), true);
+            let due = (tick % 5 == 0 || tick % 5 == 3) && tick < 940;
+            modes.push(bench.tick(if due { std::slice::from_ref(&pen) } else { &[] }).mode);
+        }
+        modes.dedup();
+        modes
+    };
+    assert_eq!(told(100), [Mode::Armed], "too old to begin with");
+    assert_eq!(told(55), [Mode::Following], "175 ms old in the end, but silent for 120 ms only");
+    assert_eq!(told(110), [Mode::Following], "too old for trust, but it comes");
+    assert_eq!(told(140), [Mode::Holding]);
+    assert_eq!(told(110), [Mode::Holding], "no flapping about the bound");
+    assert_eq!(told(55), [Mode::Following]);
 }
 
 #[test]
