@@ -195,14 +195,16 @@ mod tests {
 
     #[test]
     fn random_bytes_never_become_a_frame_by_accident_and_mutated_frames_differ_in_what_was_mutated() {
+        // Miri takes a thousand times as long.
+        const ROUNDS: usize = if cfg!(miri) { 200 } else { 200_000 };
         let mut dice = Dice(0x5eed);
-        for _ in 0..200_000 {
+        for _ in 0..ROUNDS {
             let bytes: Body = std::array::from_fn(|_| dice.next() as u8);
             assert!(Frame::decode(&bytes).is_err());
         }
         let good = Frame(sample()).encode();
         let mut accepted = 0;
-        for _ in 0..200_000 {
+        for _ in 0..ROUNDS {
             let mut bytes = good;
             for _ in 0..=dice.below(4) {
                 bytes[LENGTH_BYTES + dice.below(BODY_BYTES as usize)] = dice.next() as u8;
@@ -215,7 +217,7 @@ mod tests {
                 assert_ne!((&bytes[4..8], &bytes[12..16]), (&good[4..8], &good[12..16]));
             }
         }
-        assert!(accepted > 50_000, "{accepted}");
+        assert!(accepted > ROUNDS / 4, "{accepted}");
     }
 
     #[test]
