@@ -55,7 +55,7 @@ impl Config {
         format!(
             "{}: ok\n  {} keys from the file, {} from the preset, {} by default\n  \
              loop {} Hz, pen step {} ms, plan of {} steps of {} ms, predictor {}, trust {}\n  \
-             robot {}, dead time {} ms, pen samples predicted up to an age of {} ms",
+             robot {}, dead time {} ms, pen samples predicted while the newest is at most {} ms old",
             self.name(),
             count(|origin| matches!(origin, SettingOrigin::File { .. } | SettingOrigin::Override)),
             count(|origin| matches!(origin, SettingOrigin::Preset { .. })),

@@ -42,7 +42,10 @@ pub enum ReplayError {
     #[error("the law of the recording cannot be built: {0}")]
     Law(#[from] FollowerError),
     /// The state of another law.
-    #[error("the state in the recording does not fit: {0}")]
+    #[error(
+        "the recording is of another law: its state does not fit this version's ({0}); info, explain, export and \
+         what-if read it all the same"
+    )]
     State(#[from] StateError),
     /// A forged file.
     #[error("tick {tick}: field {field} of the input has no meaning here")]

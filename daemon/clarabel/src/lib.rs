@@ -71,7 +71,7 @@ impl SoftRowQp {
         linear.extend(penalties.iter().filter(|rho| rho.is_finite()));
 
         let mut triplets: Vec<(usize, usize, f64)> = Vec::new();
-        for (i, row) in rows.chunks_exact(variables).enumerate() {
+        for (i, row) in rows.chunks_exact(variables.max(1)).enumerate() {
             for (j, entry) in row.iter().enumerate().filter(|(_, entry)| **entry != 0.0) {
                 triplets.push((i, j, *entry));
                 triplets.push((penalties.len() + i, j, -entry));
@@ -113,7 +113,7 @@ impl SoftRowQp {
     }
 
     fn update(&mut self, hessian: &[f64], linear: &[f64], lower: &[f64], upper: &[f64]) -> bool {
-        let columns = hessian.chunks_exact(self.variables).enumerate();
+        let columns = hessian.chunks_exact(self.variables.max(1)).enumerate();
         let triangle = columns.flat_map(|(column, entries)| entries.iter().take(column + 1));
         let mut changed = false;
         for (to, entry) in self.hessian.iter_mut().zip(triangle) {

@@ -12,7 +12,8 @@ pub enum Backend {
     /// The exact dual active set. Allocates nothing.
     #[default]
     Exact,
-    /// Another solver, for every problem that it can pose. May allocate, and is as accurate as it is.
+    /// Another solver. May allocate; its accuracy is its own. Inverse kinematics with clearance or envelope
+    /// rows stays with the exact one.
     Other(&'static dyn OtherSolver),
 }
 
