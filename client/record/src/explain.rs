@@ -182,7 +182,8 @@ fn seen(before: Option<&TickRecord>, record: &TickRecord, every: u64) -> Vec<(&'
         tell("gap", 5e3 + missing as f64, format!("{missing} records before it are missing"));
     }
     let late = record.counters.overruns.saturating_sub(before.counters.overruns);
-    let unseen = late.saturating_sub(u64::from(has(health::OVERRUN)));
+    // A tick after lost periods is counted as late too.
+    let unseen = late.saturating_sub(u64::from(has(health::OVERRUN) || record.skipped_ticks > 0));
     if unseen > 0 && passed > 1 {
         let words = format!("{unseen} of the {} ticks before it that have no record ended late", passed - 1);
         tell("unseen overrun", 9e4 + unseen as f64, words);

@@ -16,7 +16,7 @@ use foretrace_sim::plot::{Picture, STYLE, escaped};
 pub use drawings::{View, times};
 pub use moving::{DeskGeometry, ReplayFrames};
 pub use recording::of_recording;
-pub use run::{GhostComparison, GhostSample, Late, RunTraces, approached, tool_at};
+pub use run::{GhostComparison, GhostSample, Late, LateTicks, RunTraces, approached, tool_at};
 
 const PAGE_STYLE: &str = include_str!("page.css");
 /// Nothing is asked of a network, whatever a page holds.

@@ -8,14 +8,14 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use foretrace_config::Config;
-use foretrace_shm::{GhostState, Mode, PieceKind, Stage, TickRecord, health, pen_flags};
+use foretrace_shm::{GhostState, Mode, PieceKind, Stage, TickRecord, pen_flags};
 use foretrace_sim::metrics::{ToolSample, error_series, tracking};
 use foretrace_sim::path::PathSample;
 use foretrace_sim::plot::escaped;
 
 use super::drawings::{View, times};
 use super::moving::{DeskGeometry, FARTHEST_M, LONGEST_S, ReplayFrames};
-use super::run::{GhostComparison, GhostSample, Late, RunTraces, approached, tool_at};
+use super::run::{GhostComparison, GhostSample, Late, LateTicks, RunTraces, approached, tool_at};
 use super::{claim, late_words, table, tiles, whole};
 use crate::RecordError;
 use crate::explain::{Explanation, moments};
@@ -39,6 +39,7 @@ struct FollowedStretch {
     costs: Vec<(u32, u32)>,
     /// Late ticks: woken late, and with too much work.
     late: (u64, u64),
+    lateness: LateTicks,
     /// What the pen wrote \[m\].
     written_m: f64,
     ghost_state: u32,
@@ -95,11 +96,10 @@ impl FollowedStretch {
         run.compared.extend(compared);
         run.trust.push((now as f64 * 1e-9, record.trust));
         self.costs.push((record.stage(Stage::Wakeup), record.stage(Stage::Step)));
-        if record.health & health::OVERRUN != 0 {
-            match Late::of_tick(record) {
-                Late::Woken => self.late.0 += 1,
-                Late::Worked => self.late.1 += 1,
-            }
+        match self.lateness.see(record) {
+            Some(Late::Woken) => self.late.0 += 1,
+            Some(Late::Worked) => self.late.1 += 1,
+            None => {}
         }
         self.ghost_state = self.ghost_state.max(record.ghost_state);
         self.predictor = record.predictor.to_string();

@@ -3,7 +3,7 @@
 //! Contract: times are those of the host's clock \[s\], in order; positions are in the writing plane's frame.
 
 use foretrace_control::plane::Plane;
-use foretrace_shm::{GhostState, JOINTS, Stage, TickRecord};
+use foretrace_shm::{GhostState, JOINTS, Stage, TickRecord, health};
 use foretrace_sim::metrics::{ErrorSample, ToolSample};
 use foretrace_sim::path::PathSample;
 
@@ -104,17 +104,32 @@ pub enum Late {
     Worked,
 }
 
-impl Late {
-    /// By the stages' costs \[ns\].
-    #[must_use]
-    pub fn of(wakeup_ns: u32, step_ns: u32) -> Self {
-        if wakeup_ns > step_ns { Self::Woken } else { Self::Worked }
-    }
+/// Which ticks are among the daemon's late ones, and why: those that ended after their deadline, and those
+/// before which whole periods were lost.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct LateTicks {
+    /// The last late tick, and why it was.
+    last: Option<(u64, Late)>,
+}
 
-    /// Of `record`.
-    #[must_use]
-    pub fn of_tick(record: &TickRecord) -> Self {
-        Self::of(record.stage(Stage::Wakeup), record.stage(Stage::Step))
+impl LateTicks {
+    /// Why `record` is late, if it is; records come in the order of their ticks.
+    pub fn see(&mut self, record: &TickRecord) -> Option<Late> {
+        let by_cost = match record.stage(Stage::Wakeup) > record.stage(Stage::Step) {
+            true => Late::Woken,
+            false => Late::Worked,
+        };
+        let late = if record.health & health::OVERRUN != 0 {
+            by_cost
+        } else if record.skipped_ticks > 0 {
+            // The periods that the tick before it took are not the kernel's.
+            let before = self.last.filter(|(tick, _)| tick.checked_add(1) == Some(record.tick));
+            before.map_or(Late::Woken, |(_, late)| late)
+        } else {
+            return None;
+        };
+        self.last = Some((record.tick, late));
+        Some(late)
     }
 }
 
@@ -122,6 +137,24 @@ impl Late {
 mod tests {
     use super::*;
     use foretrace_shm::ArmLag;
+
+    #[test]
+    fn every_late_tick_has_its_cause_also_where_only_periods_were_lost() {
+        let tick = |tick, health, skipped_ticks, [wakeup_us, step_us]: [u32; 2]| {
+            let mut record = TickRecord { tick, health, skipped_ticks, ..TickRecord::default() };
+            record.stage_ns[Stage::Wakeup as usize] = 1000 * wakeup_us;
+            record.stage_ns[Stage::Step as usize] = 1000 * step_us;
+            record
+        };
+        let mut late = LateTicks::default();
+        let mut why = |record: TickRecord| late.see(&record);
+        assert_eq!(why(tick(1, 0, 0, [100, 100])), None);
+        assert_eq!(why(tick(2, 0, 1, [2500, 100])), Some(Late::Woken), "woken in the next period");
+        assert_eq!(why(tick(3, health::OVERRUN, 0, [1900, 200])), Some(Late::Woken));
+        assert_eq!(why(tick(4, health::OVERRUN, 0, [50, 2100])), Some(Late::Worked));
+        assert_eq!(why(tick(5, 0, 2, [4110, 100])), Some(Late::Worked), "of the tick before it");
+        assert_eq!(why(tick(7, 0, 1, [2100, 100])), Some(Late::Woken), "another tick lies between");
+    }
 
     #[test]
     fn a_ghost_that_cannot_be_compared_or_is_nowhere_is_none() {
@@ -139,12 +172,6 @@ mod tests {
         record.ghost_tool_m[2] = 0.0;
         record.ghost_state = GhostState::Settling.into();
         assert_eq!(GhostSample::of(&record), None);
-    }
-
-    #[test]
-    fn a_late_tick_is_put_down_to_what_took_longer() {
-        assert_eq!(Late::of(1_900_000, 200_000), Late::Woken);
-        assert_eq!(Late::of(50_000, 2_100_000), Late::Worked);
     }
 
     #[test]

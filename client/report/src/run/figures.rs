@@ -4,7 +4,6 @@
 //! first instant at which the tool is as near to the pen as the loop demands before it lowers it
 //! (safety.approach_distance_m): what comes before is the approach to the paper.
 
-use foretrace_client::wire::health;
 use foretrace_client::{Mode, Stage};
 use foretrace_config::{Config, JOINTS, Settings};
 use foretrace_control::arm::limits::JointLimits;
@@ -13,7 +12,7 @@ use foretrace_sim::metrics::{ErrorSample, ToolSample, TrackingErrors, error_seri
 use serde::Serialize;
 use serde_json::Value;
 
-use super::gathered::{Gathered, JointUse, StopNote, TickNote};
+use super::gathered::{Gathered, JointUse, StopNote};
 use crate::extent::ExtentFigures;
 use crate::ghost::Comparison;
 use foretrace_failure::Failure;
@@ -254,11 +253,7 @@ pub(super) fn figures(
         spread.quantiles()
     };
     let (step_us, wakeup_us) = (spread(Stage::Step), spread(Stage::Wakeup));
-    let late = |cause: Late| {
-        let late = gathered.ticks.iter().filter(|tick| tick.health & health::OVERRUN != 0);
-        let of = |tick: &&TickNote| Late::of(tick.stage_ns(Stage::Wakeup), tick.stage_ns(Stage::Step));
-        late.filter(|tick| of(tick) == cause).count() as u64
-    };
+    let late = |cause: Late| gathered.ticks.iter().filter(|tick| tick.late == Some(cause)).count() as u64;
     let comparison = Comparison::of(&status);
     let trusts = gathered.ticks.iter().filter(|tick| tick.mode == u32::from(Mode::Following));
     let (sum, count) = trusts.fold((0.0, 0_u32), |(sum, count), tick| (sum + tick.trust, count + 1));
@@ -353,6 +348,7 @@ impl RunFigures {
 
 #[cfg(test)]
 mod tests {
+    use super::super::gathered::TickNote;
     use super::*;
     use foretrace_sim::path::PathSample;
 
@@ -368,7 +364,7 @@ mod tests {
             t_s: 0.1,
             stage_ns: [1000; foretrace_shm::STAGES],
             trust: 1.0,
-            health: 0,
+            late: None,
             mode: Mode::Following.into(),
             ghost_apart_m: None,
             ghost: None,

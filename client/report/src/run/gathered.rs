@@ -7,7 +7,7 @@ use foretrace_client::{Mode, Stage, Status, TickRecord};
 use foretrace_config::{Config, JOINTS};
 use foretrace_control::extent::{Extent, ExtentWatch};
 use foretrace_control::plane::Plane;
-use foretrace_record::page::{GhostComparison, GhostSample, RunTraces, tool_at};
+use foretrace_record::page::{GhostComparison, GhostSample, Late, LateTicks, RunTraces, tool_at};
 use foretrace_sim::data::load_csv;
 use foretrace_sim::metrics::{ErrorSample, ToolSample};
 use foretrace_sim::path::PathSample;
@@ -89,7 +89,8 @@ pub struct TickNote {
     pub t_s: f64,
     pub stage_ns: [u32; foretrace_shm::STAGES],
     pub trust: f64,
-    pub health: u32,
+    /// Why the tick was late, if it was.
+    pub late: Option<Late>,
     pub mode: u32,
     /// Distance between the commanded tool and the ghost's, where they can be compared \[m\].
     pub ghost_apart_m: Option<f64>,
@@ -134,14 +135,15 @@ impl JointUse {
 }
 
 impl TickNote {
-    pub fn of(record: &TickRecord) -> Self {
+    /// `lateness` has seen the records before.
+    pub fn of(record: &TickRecord, lateness: &mut LateTicks) -> Self {
         let ([x, y, _], [ghost_x, ghost_y, _]) = (record.tool_m, record.ghost_tool_m);
         let comparable = record.ghost_state == u32::from(GhostState::Comparable);
         Self {
             t_s: record.release_ns as f64 * 1e-9,
             stage_ns: record.stage_ns,
             trust: record.trust,
-            health: record.health,
+            late: lateness.see(record),
             mode: record.mode,
             ghost_apart_m: comparable.then(|| (x - ghost_x).hypot(y - ghost_y)),
             ghost: GhostSample::of(record),

@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use foretrace_client::{Foretrace, Mode, Requests, ServiceError, StatusReader, Telemetry};
+use foretrace_record::page::LateTicks;
 
 use super::gathered::{Gathered, JointUse, StopNote, TickNote};
 
@@ -17,6 +18,7 @@ pub struct RunWatch {
     pub gathered: Gathered,
     /// When the newest stop that is known latched \[ns\].
     stopped_ns: u64,
+    lateness: LateTicks,
 }
 
 impl RunWatch {
@@ -27,15 +29,16 @@ impl RunWatch {
             requests: foretrace.requests(),
             gathered: Gathered::default(),
             stopped_ns: 0,
+            lateness: LateTicks::default(),
         })
     }
 
     /// Takes in what came since the last look.
     pub fn read(&mut self) {
-        let Self { telemetry, gathered, stopped_ns, .. } = self;
+        let Self { telemetry, gathered, stopped_ns, lateness, .. } = self;
         let Gathered { ticks, stops, joints, .. } = gathered;
         telemetry.drain(|record| {
-            ticks.push(TickNote::of(record));
+            ticks.push(TickNote::of(record, lateness));
             joints.see(record);
             if record.stop.at_ns > *stopped_ns {
                 *stopped_ns = record.stop.at_ns;
