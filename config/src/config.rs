@@ -14,6 +14,7 @@ use crate::files::{Files, LONGEST_SETTINGS};
 use crate::headroom::{Headroom, headroom};
 use crate::layers::{self, NodesByKey};
 use crate::models::{SHIPPED_PRIOR, shipped};
+use crate::nearest::gone;
 use crate::plain::plain;
 use crate::predictor::NO_NETWORK;
 use crate::presets;
@@ -118,6 +119,13 @@ impl Config {
     #[must_use]
     pub fn notes(&self) -> Vec<String> {
         remarks::notes(self)
+    }
+
+    /// Keys of a recording that are gone, each with the reason; they had no effect on [`Config::recorded`].
+    #[must_use]
+    pub fn gone(&self) -> Vec<String> {
+        let reason = |key: &String| gone(key).map(|why| format!("`{key}` is gone: {why}"));
+        self.found.keys().filter_map(reason).collect()
     }
 
     /// What the effort of the arm's joints leaves for acceleration over the writing plane.

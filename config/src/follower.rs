@@ -8,8 +8,8 @@ use foretrace_clarabel::ClarabelProfile;
 use foretrace_control::arm::lag::Following;
 use foretrace_control::contact::ContactSettings;
 use foretrace_control::envelope::EnvelopeSettings;
-use foretrace_control::estimate::refine::{RefineParameters, RefinePrior};
-use foretrace_control::estimate::skill::SkillParameters;
+use foretrace_control::estimate::LawParameters;
+use foretrace_control::estimate::refine::RefinePrior;
 use foretrace_control::follower::{Follower, FollowerError, FollowerSettings, SafetySettings};
 use foretrace_control::ik::IkSettings;
 use foretrace_control::learn::{Leads, LearnError, Learner, LearnerSettings, Rule};
@@ -19,7 +19,7 @@ use foretrace_control::pen::{PenSettings, SpeedScaleSettings};
 use foretrace_control::plane::Plane;
 use foretrace_control::predict::{MAX_PREVIEW, Models, PreviewSettings};
 use foretrace_control::qp::backend::Backend;
-use foretrace_control::trust::{TrustParameters, TrustRequest, TrustSettings};
+use foretrace_control::trust::{TrustRequest, TrustSettings};
 use foretrace_control::units::Trust;
 use nalgebra::Vector3;
 
@@ -162,17 +162,15 @@ fn follower_settings(
         },
         models: models.clone(),
         weights: models.initial_weights(),
-        refine: RefineParameters { prior: *prior, ..RefineParameters::SHIPPED },
-        skill: SkillParameters::SHIPPED,
+        prior: *prior,
+        law: LawParameters::SHIPPED,
         trust: TrustSettings {
             step_ns: s.step_ns(),
             ramp_steps: f64::from(s.trust.ramp_steps),
             warmup_steps: s.trust.warmup_steps,
             stale_after_ns: ns(s.pen.stale_ms),
             auto_ceiling: Trust::new(s.trust.ceiling),
-            proof_cases: s.trust.proof_cases,
             per_step: s.trust.per_step,
-            parameters: TrustParameters::SHIPPED,
         },
         trust_request: s.trust.request(),
         mpc: mpc(s),

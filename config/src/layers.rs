@@ -5,7 +5,7 @@
 use std::collections::BTreeMap;
 use std::sync::{Arc, LazyLock};
 
-use crate::nearest::{current, nearest, without_unit};
+use crate::nearest::{current, gone, nearest, without_unit};
 use crate::presets;
 use crate::problem::{Problem, ProblemKind, ValueFlaw};
 use crate::schema::{Presence, Section, SectionReader, Table, joined};
@@ -54,7 +54,7 @@ pub(crate) fn overlay(
 }
 
 /// As [`overlay`], for the text of a recording, in which sections and predictors may have names of earlier
-/// versions.
+/// versions, and keys may be gone: those stay in `found`, without effect.
 pub(crate) fn overlay_recorded(
     text: &str,
     origin: &SettingOrigin,
@@ -62,11 +62,14 @@ pub(crate) fn overlay_recorded(
     problems: &mut Vec<Problem>,
 ) {
     let mut root = written::parse(text, origin, problems);
-    translate("", &mut root);
+    translate("", &mut root, found);
     put_over(root, found, problems);
 }
 
-fn translate(at: &str, entries: &mut [(String, Node)]) {
+fn translate(at: &str, entries: &mut Vec<(String, Node)>, found: &mut NodesByKey) {
+    for (name, node) in entries.extract_if(.., |(name, _)| gone(&joined(at, name)).is_some()) {
+        found.insert(joined(at, &name), node);
+    }
     for (name, node) in entries {
         let path = joined(at, name);
         let path = current(&path).map_or(path, |now| {
@@ -74,7 +77,7 @@ fn translate(at: &str, entries: &mut [(String, Node)]) {
             now.to_owned()
         });
         match &mut node.raw {
-            Raw::Table(inner) => translate(&path, inner),
+            Raw::Table(inner) => translate(&path, inner, found),
             Raw::Text(word) if path == KIND => {
                 if let Some(now) = current(word) {
                     (*word, node.text) = (now.to_owned(), format!("{now:?}"));
@@ -149,6 +152,9 @@ fn collect(at: &str, entries: Vec<(String, Node)>, found: &mut NodesByKey, probl
 
 /// Suggests the key that may have been meant.
 fn hint(at: &str, name: &str) -> String {
+    if let Some(why) = gone(&joined(at, name)) {
+        return format!(": it is gone: {why}");
+    }
     let here = table().keys.iter().filter(|key| key.section == at);
     let bare = |path: &str| path.rsplit('.').next().unwrap_or_default().to_owned();
     if let Some(key) = here.clone().find(|key| without_unit(&bare(&key.path)) == without_unit(name)) {

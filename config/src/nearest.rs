@@ -5,6 +5,15 @@ use foretrace_control::predict::PredictorKind;
 /// Sections of earlier versions with their present names.
 const RENAMED: [(&str, &str); 1] = [("predictor.ours", "predictor.mixture")];
 
+/// Keys of earlier versions that nothing has replaced, and why.
+const GONE: [(&str, &str); 1] =
+    [("trust.proof_cases", "automatic trust begins proven and ends on evidence: leave the line out")];
+
+/// Why there is no key `path` any more; `None`: there never was one.
+pub(crate) fn gone(path: &str) -> Option<&'static str> {
+    GONE.iter().find(|(key, _)| *key == path).map(|(_, why)| *why)
+}
+
 /// What `word` of an earlier version is called now, a section or a predictor; `None`: it never had another
 /// name.
 pub(crate) fn current(word: &str) -> Option<&'static str> {

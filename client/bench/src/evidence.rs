@@ -10,8 +10,9 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use foretrace_config::Config;
+use foretrace_control::estimate::LEADS;
+use foretrace_control::estimate::record::{NewPreview, PreviewRecord};
 use foretrace_control::estimate::refine::{Refinement, Refiner};
-use foretrace_control::estimate::skill::{NewPreview, SKILL_LEADS, Skill};
 use foretrace_control::follower::MAX_STEPS_PER_TICK;
 use foretrace_control::pen::{GridStep, PenTracker};
 use foretrace_control::predict::LearnStep;
@@ -46,10 +47,10 @@ pub(crate) fn evidence<const N: usize>(
         let before = closing.len();
         let mut tracker = PenTracker::new(settings.pen).map_err(|error| Failure::bad_input(error, ""))?;
         let step_s = settings.pen.step_ns as f64 * 1e-9;
-        let (mut skill, mut refiner) = (Skill::new(step_s, true), Refiner::new(step_s));
+        let (mut record, mut refiner) = (PreviewRecord::new(step_s, true), Refiner::new(step_s));
         // What the last tick left to learn from.
         let (mut made, mut look): (Option<GridStep>, Option<Refinement>) = (None, None);
-        let mut path = [[0.0; 2]; SKILL_LEADS];
+        let mut path = [[0.0; 2]; LEADS];
         let mut newest_step: Option<GridStep> = None;
         for tick in &workload.ticks {
             tick.ingest(&mut tracker, &settings.plane);
@@ -65,14 +66,13 @@ pub(crate) fn evidence<const N: usize>(
             }
             let begin = Instant::now();
             if let Some(step) = made {
-                let (base, velocity) = (step.position, step.displacement);
-                skill.record_preview(&NewPreview { base, velocity, path: black_box(&path), claim: None });
+                record.record_preview(&NewPreview { base: step.position, path: black_box(&path) });
             }
             if let Some(refinement) = &look {
-                skill.record_refinement(&refiner, refinement);
+                record.record_refinement(&refiner, refinement);
             }
             let closed_steps = black_box(steps.get(..count).unwrap_or_default());
-            skill.judge(&mut refiner, closed_steps);
+            record.judge(&mut refiner, closed_steps);
             let mut us = elapsed_us(begin);
             (made, look) = (closed, None);
             if let Some(step) = closed {
@@ -91,7 +91,7 @@ pub(crate) fn evidence<const N: usize>(
             let expected = [x0 + phase * (x1 - x0), y0 + phase * (y1 - y0)];
             refiner.observe(pen.stamp, black_box(pen.position));
             let said = refiner.refinement(pen.position, phase, expected);
-            let shares = skill.report(1, 1).believed();
+            let shares = record.report(1, 1, 1.0).believed();
             let mut used = path;
             for (((lead, predicted), used), share) in (1..).zip(&path).zip(&mut used).zip(shares) {
                 *used = refiner.refined(&said, lead, *predicted, share);

@@ -18,8 +18,9 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use foretrace_config::{Config, Draft};
+use foretrace_control::estimate::LEADS;
+use foretrace_control::estimate::record::{NewPreview, PreviewRecord};
 use foretrace_control::estimate::refine::Refiner;
-use foretrace_control::estimate::skill::{NewPreview, SKILL_LEADS, Skill};
 use foretrace_control::learn::{Leads, Learner, LearnerSettings};
 use foretrace_control::pen::{PenReading, PenTracker, Receipt};
 use foretrace_control::predict::Previewer;
@@ -191,20 +192,20 @@ fn write(hand: &Hand, limit: usize, config: &Config, scored: &mut Scored) -> Fal
     pen.max_speed_mps = 10.0;
     (pen.position_min_m, pen.position_max_m) = ([-10.0; 2], [10.0; 2]);
     let mut tracker = PenTracker::new(pen)?;
-    let (mut skill, mut refiner) = (Skill::new(step_s, true), Refiner::tuned(step_s, settings.refine));
+    let mut record = PreviewRecord::new(step_s, true);
+    let mut refiner = Refiner::tuned(step_s, &settings.law, &settings.prior);
     let mut filters = Vec::new();
     for lead_s in LEADS_S {
         let way = BaselineSettings::new(BaselineKind::Kalman, PERIOD_S, lead_s - PERIOD_S, Limits::OFF, 0.1);
         filters.push(build(BaselineKind::Kalman, &way)?);
     }
     let mut begin_s = 10.0;
-    let mut heard = Stamp(0);
     for sequence in hand.sequences.iter().take(limit) {
         let samples = &sequence.path.samples;
         let Some(first_s) = samples.first().map(|sample| sample.t_s) else { continue };
         // The preview in force: its base, the point before, and the predicted points.
-        let mut preview: Option<(Stamp, Point, [Point; SKILL_LEADS + 1])> = None;
-        // Input of the skill from the last sample: whether a new preview was made, and the sample.
+        let mut preview: Option<(Stamp, Point, [Point; LEADS + 1])> = None;
+        // Input of the record from the last sample: whether a new preview was made, and the sample.
         let (mut made, mut look) = (false, None);
         for (index, sample) in samples.iter().enumerate() {
             let time_s = begin_s + sample.t_s - first_s;
@@ -219,18 +220,14 @@ fn write(hand: &Hand, limit: usize, config: &Config, scored: &mut Scored) -> Fal
                 }
                 closed.push(learn);
             }
-            if let Some((_, before, path)) = preview.as_ref().filter(|_| std::mem::take(&mut made)) {
+            if let Some((_, _, path)) = preview.as_ref().filter(|_| std::mem::take(&mut made)) {
                 let [base, path @ ..] = path;
-                let velocity = [base[0] - before[0], base[1] - before[1]];
-                skill.record_preview(&NewPreview { base: *base, velocity, path, claim: None });
+                record.record_preview(&NewPreview { base: *base, path });
             }
             if let Some(refinement) = look.take() {
-                skill.record_refinement(&refiner, &refinement);
+                record.record_refinement(&refiner, &refinement);
             }
-            // No arm, no limits: beginnings are trusted as with an arm that follows.
-            skill.record_motion(false, stamp.since(heard).unsigned_abs());
-            skill.judge(&mut refiner, &closed);
-            heard = stamp;
+            record.judge(&mut refiner, &closed);
             let shifted = PathSample { t_s: time_s, ..*sample };
             let kalman: Vec<_> = filters.iter_mut().map(|filter| filter.target(time_s, &[shifted])).collect();
             // The first sample of a jump is refused, and the loop goes on as if it had not come.
@@ -238,13 +235,13 @@ fn write(hand: &Hand, limit: usize, config: &Config, scored: &mut Scored) -> Fal
                 continue;
             }
             refiner.observe(stamp, position);
-            let mut points = [[0.0; 2]; SKILL_LEADS];
+            let mut points = [[0.0; 2]; LEADS];
             if !closed.is_empty()
                 && let Some(report) = previewer.preview(&mut points)
             {
                 let velocity = previewer.newest().map_or([0.0; 2], |step| step.displacement);
                 made = true;
-                let mut path = [report.base_position; SKILL_LEADS + 1];
+                let mut path = [report.base_position; LEADS + 1];
                 path[1..].copy_from_slice(&points);
                 let [[x, y], [dx, dy]] = [report.base_position, velocity];
                 preview = Some((Stamp(report.base_index * step_ns), [x - dx, y - dy], path));
@@ -259,7 +256,8 @@ fn write(hand: &Hand, limit: usize, config: &Config, scored: &mut Scored) -> Fal
             if index < WARM {
                 continue;
             }
-            let shares = skill.report(1, 1).believed();
+            // No arm, no limits: onsets are trusted as with an arm that follows.
+            let shares = record.report(1, 1, 0.0).believed();
             for (lead, (lead_s, kalman)) in LEADS_S.iter().zip(kalman).enumerate() {
                 let Some(real) = at(samples, sample.t_s + lead_s) else { continue };
                 let s = phase + lead_s / step_s;

@@ -203,10 +203,7 @@ section! {
         value: f64 = Between(0.0, 1.0), Default("1.0"), Live, "1.0";
         /// Largest trust in automatic mode.
         ceiling: f64 = Between(0.0, 1.0), Default("1.0"), AtStart, "1.0";
-        /// Steps of motion whose previews must have been scored before automatic mode trusts any.
-        proof_cases: u32 = Between(0.0, 10000.0), Default("1"), AtStart, "1: the record begins with cases of \
-                                        doubt anyway; 20 to wait for a fifth of a second at 10 ms";
-        /// Automatic mode trusts each step of the preview by its past skill, and moves the preview by samples
+        /// Automatic mode trusts each step of the preview by its record, and corrects the preview by samples
         /// newer than the grid's. Off: one trust for the whole preview, as in the paper and in manual mode.
         per_step: bool = Flag, Default("true"), AtStart, "true";
         /// Least number of steps in which the trust goes from 0 to 1.

@@ -193,8 +193,8 @@ fn settings_name_another_file_and_the_law_starts_from_it() {
     let file = folder.path().join("hands.toml");
     std::fs::write(&file, changed("amplitude = 1.9", "amplitude = 1.5")).unwrap();
     let config = over_ur5(folder.path(), "hands.toml").unwrap();
-    let [shipped, own] = [RefinePrior::SHIPPED, config.follower_settings().refine.prior]
-        .map(|prior| prior.coarse.innovation.at(6.0));
+    let [shipped, own] =
+        [RefinePrior::SHIPPED, config.follower_settings().prior].map(|prior| prior.coarse.innovation.at(6.0));
     assert!((own / shipped - 1.5 / 1.9).abs() < 1e-12, "{own} {shipped}");
     assert_eq!(*over_ur5(folder.path(), "refine-prior").unwrap().prior(), RefinePrior::SHIPPED);
     // Shown elsewhere they load the same file.

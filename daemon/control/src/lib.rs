@@ -64,7 +64,7 @@
 //! # Glossary
 //!
 //! - α, *trust*: how much of the preview the plan follows, in \[0, 1\]; it moves by a ramp only ([`trust`]).
-//! - *share* w: trust per lead, from how good past previews were there ([`estimate`]).
+//! - *share* s: how far of its way a preview is followed, per lead, from past ones ([`estimate`]).
 //! - *grid*, Δ: the uniform steps (10 ms) onto which pen samples are interpolated; *tick*, dt: the period of
 //!   the loop (2 ms).
 //! - *lead*: grid steps from the newest closed one to a prediction. *Preview*: predictions at all leads.
@@ -73,8 +73,8 @@
 //! - *dead time* τ: how far ahead references look because the arm lags; it follows the measured lag
 //!   ([`arm::lag`]).
 //! - *record*: errors of past previews per lead, with forgetting. *Pending*: not judged yet, as the outcome
-//!   is unknown. *Onset*: the first steps of motion after rest. *Headroom*: the factor on trust that an arm
-//!   which is *saturated* (joints, acceleration or speed at a limit) can follow.
+//!   is unknown. *Onset*: the first steps of motion after rest. *Governor* κ: shortens the way of an arm that
+//!   is *saturated* (joints, acceleration or speed at a limit) without gain.
 //! - *candidate*, *live* weights: those that learn, and those that the loop uses; *promotion* copies the
 //!   first to the second, *rollback* undoes it ([`learn`]).
 //! - *ladder*: fresh plan, previous plan, stop, hold ([`follower::Rung`]); each *rung* makes a command when

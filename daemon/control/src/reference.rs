@@ -2,7 +2,7 @@
 //!
 //! Contract: no memory; positions in the plane frame \[m\].
 
-use crate::estimate::refine::RefinedPreview;
+use crate::estimate::RefinedPreview;
 use crate::units::{AxisState, Stamp};
 
 /// Half-width of the mean velocity by which references lead \[steps\]: differences of neighbouring

@@ -138,7 +138,7 @@ pub fn tick_record(
         trust: output.trust.alpha.alpha(),
         trust_target: output.trust.target.alpha(),
         confidence: UNKNOWN,
-        trust_reason: wire::trust_reason(output.trust.reason).into(),
+        trust_reason: wire::trust_reason(output.trust.reason, output.governor).into(),
         rung: wire::rung(output.rung).into(),
         mode: wire::mode(output.mode).into(),
         fault: wire::fault(output.stop_reason).into(),
@@ -226,7 +226,7 @@ pub fn newest_tick(status: &mut shm::Status, newest: &TickFacts, ipc: &IpcTally,
     status.counters = counters(newest, ipc);
     status.trust = output.trust.alpha.alpha();
     status.trust_target = output.trust.target.alpha();
-    status.trust_reason = wire::trust_reason(output.trust.reason).into();
+    status.trust_reason = wire::trust_reason(output.trust.reason, output.governor).into();
     status.predictor = wire::predictor(output.predictor);
     status.predictor_band_m = output.predictor_band.map_or(UNKNOWN, known);
     status.pen_age_ns = age_ns(now, output.pen_stamp);

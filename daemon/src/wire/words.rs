@@ -76,26 +76,23 @@ pub fn predictor(kind: PredictorKind) -> shm::PredictorName {
     shm::PredictorName::new(kind.name()).unwrap_or(shm::PredictorName::NONE)
 }
 
-/// Reason for the trust.
+/// An arm that is asked to go less than this share of the way to the preview is at its limits.
+const GOVERNED: f64 = 0.95;
+
+/// Reason for the trust of a tick with this share of the governor.
 #[must_use]
-pub const fn trust_reason(reason: TrustReason) -> shm::TrustReason {
+pub fn trust_reason(reason: TrustReason, governor: f64) -> shm::TrustReason {
     match reason {
         TrustReason::Disarmed => shm::TrustReason::Inactive,
         TrustReason::Stale => shm::TrustReason::PenStale,
         TrustReason::PredictorInvalid => shm::TrustReason::PredictorUnhealthy,
         TrustReason::SwitchingPredictor => shm::TrustReason::PredictorSwitched,
-        TrustReason::Jump => shm::TrustReason::PenJump,
         TrustReason::Warmup => shm::TrustReason::WarmUp,
         TrustReason::Manual => shm::TrustReason::Manual,
         TrustReason::Frozen => shm::TrustReason::Frozen,
         TrustReason::SolverUnhealthy => shm::TrustReason::SolverUnhealthy,
-        TrustReason::LearnerUnhealthy => shm::TrustReason::LearnerUnhealthy,
-        TrustReason::Unproven => shm::TrustReason::Unproven,
-        TrustReason::Surprised => shm::TrustReason::Surprised,
         TrustReason::WorseThanHold => shm::TrustReason::WorseThanHold,
-        TrustReason::ArmLimited => shm::TrustReason::ArmLimited,
-        TrustReason::WorseThanSteady => shm::TrustReason::WorseThanConstantVelocity,
-        TrustReason::Hysteresis => shm::TrustReason::Hysteresis,
+        TrustReason::Auto if governor < GOVERNED => shm::TrustReason::ArmLimited,
         TrustReason::Auto => shm::TrustReason::Evidence,
     }
 }

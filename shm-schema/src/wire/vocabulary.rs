@@ -111,15 +111,15 @@ wire_enum! {
         Inactive = 0 => "inactive",
         /// The history is still too short.
         WarmUp = 1 => "warm-up",
-        /// Set by hand.
+        /// An operator set it.
         Manual = 2 => "manual",
         /// From the realised error of past previews.
         Evidence = 3 => "evidence",
-        /// Between the two thresholds of the record (hysteresis).
+        /// Before 2026-11: between the two thresholds of the record.
         Hysteresis = 4 => "hysteresis",
         /// The newest pen sample is too old.
         PenStale = 6 => "pen stale",
-        /// The pen jumped; an outlier or a gap.
+        /// Before 2026-11: the pen jumped. Now a warm-up.
         PenJump = 7 => "pen jump",
         /// The predictor's output was unusable.
         PredictorUnhealthy = 9 => "predictor unhealthy",
@@ -127,19 +127,20 @@ wire_enum! {
         PredictorSwitched = 10 => "predictor switched",
         /// Past previews were worse than Hold.
         WorseThanHold = 11 => "worse than hold",
-        /// Past previews were worse than constant velocity.
+        /// Before 2026-11: past previews were worse than constant velocity.
         WorseThanConstantVelocity = 12 => "worse than constant velocity",
         /// Frozen by hand.
         Frozen = 14 => "frozen",
-        /// Too few previews were judged.
+        /// Before 2026-11: too few previews were judged.
         Unproven = 15 => "no evidence yet",
-        /// The pen left the bands of recent previews far more often than they promise.
+        /// Before 2026-11: the pen left the bands of recent previews far more often than they promise.
         Surprised = 16 => "pen outside the bands",
         /// Too many recent ticks had to stop instead of following a plan.
         SolverUnhealthy = 17 => "planner unhealthy",
-        /// The learner handed over parameters that were refused.
+        /// Before 2026-11: the learner's parameters were refused. Now an unhealthy predictor.
         LearnerUnhealthy = 18 => "learner unhealthy",
-        /// Partly trusted: the arm is saturated too often, and then hardly better than under feedback alone.
+        /// Trusted, but the arm is asked to go less far: it is saturated too often, and then hardly better
+        /// than under feedback alone.
         ArmLimited = 19 => "arm at its limits",
     }
 }
@@ -291,7 +292,7 @@ wire_enum! {
         Receive = 1 => "receive",
         /// Samples to pen grid.
         Pen = 2 => "pen",
-        /// Observe and preview.
+        /// Observe, preview, and correct it.
         Predict = 3 => "predict",
         /// From the record to α.
         Trust = 4 => "trust",

@@ -5,6 +5,7 @@ mod trial;
 use std::path::PathBuf;
 
 use foretrace_config::Config;
+use foretrace_control::estimate::LawParameters;
 use foretrace_lab::closed_loop::{
     BenchArm, Benchmark, Flaws, HandOptions, HandsOfArms, MethodOutcome, ParetoPoint, Rival, hands_of_set,
     hands_of_texts, pictures, table_lines,
@@ -13,6 +14,7 @@ use foretrace_sim::data::Split;
 use foretrace_sim::path::Lift;
 use serde_json::json;
 
+use super::law::named_number;
 use super::progress::StepProgress;
 use super::say_picture;
 use crate::arm::options::JointArgs;
@@ -53,6 +55,10 @@ pub(crate) struct ClosedLoopArgs {
     #[arg(long, value_name = "MS", default_value_t = 0.0, value_parser = age,
         conflicts_with_all = ["arm_socket", "stop_at", "ticks"])]
     pen_age: f64,
+
+    /// Another value of a number of the law, as `foretrace lab law` names it; may be given several times
+    #[arg(long, value_name = "NAME=VALUE", conflicts_with_all = ["arm_socket", "stop_at", "ticks"])]
+    law: Vec<String>,
 
     /// Plot error against jerk instead of the table: sweep every method over its tuning [default: hold,
     /// mixture and the baselines]
@@ -103,6 +109,31 @@ impl ClosedLoopArgs {
     }
 }
 
+impl ClosedLoopArgs {
+    /// The numbers of the law, with those asked for.
+    fn law(&self) -> Result<LawParameters, Failure> {
+        let mut law = LawParameters::SHIPPED;
+        for asked in &self.law {
+            let wrong = |what: String| Failure::usage(what, "give NAME=VALUE (--law)");
+            let (name, text) = asked.split_once('=').unwrap_or((asked, ""));
+            let (name, text) = (name.trim(), text.trim());
+            let number = named_number(name)?;
+            let [least, most] = number.range;
+            let value: f64 = text.parse().unwrap_or(f64::NAN);
+            if !(least..=most).contains(&value) {
+                return Err(wrong(format!(
+                    "{name} is {text:?}, legal are {least} to {most} {}",
+                    number.unit
+                )));
+            }
+            if let Some(own) = law.number(name) {
+                *own = value;
+            }
+        }
+        Ok(law)
+    }
+}
+
 /// An age of pen samples [ms].
 fn age(text: &str) -> Result<f64, String> {
     number(0.0..=1000.0, "a number of milliseconds from 0 to 1000")(text)
@@ -117,7 +148,8 @@ pub(super) fn run(args: &ClosedLoopArgs) -> Result<(), Failure> {
     if args.trial.asked() {
         return trial::run(args, &config, &rivals, arms, &title);
     }
-    let benchmark = Benchmark { config: &config, arms, rivals, flaws: args.flaws() };
+    let law = args.law()?;
+    let benchmark = Benchmark { config: &config, arms, rivals, flaws: args.flaws(), law };
     if args.pareto {
         return pareto(args, &title, &benchmark);
     }
@@ -205,7 +237,7 @@ fn rivals(names: &[String], pareto: bool) -> Result<Vec<Rival>, Failure> {
     names.iter().map(named).collect()
 }
 
-fn arms(names: &[String]) -> Result<Vec<BenchArm>, Failure> {
+pub(super) fn arms(names: &[String]) -> Result<Vec<BenchArm>, Failure> {
     let named = |name: &String| {
         BenchArm::ALL.into_iter().find(|arm| arm.name() == name.trim()).ok_or_else(|| {
             let known = BenchArm::ALL.map(BenchArm::name).join(" ");

@@ -4,6 +4,7 @@
 mod closed_loop;
 mod figures;
 mod inputs;
+mod law;
 mod table;
 mod table1;
 mod train;
@@ -48,6 +49,11 @@ pub(crate) enum LabCommand {
     /// motion limits and letters of 0.1 m; `ur5` and `slow` are simulated UR5s with all limits and letters of
     /// 0.03 m.
     ClosedLoop(Box<closed_loop::ClosedLoopArgs>),
+    /// Measure what half and double of each number of the law do to the error
+    ///
+    /// Prints a table in Markdown: the change of the mean squared error over all sets and arms, and the cells
+    /// with the least and the most.
+    Law(law::LawArgs),
     /// Make table 1 of the paper: every predictor one to ten steps ahead, on the test writers of a data set
     ///
     /// Models that learn online pass over the train writers first (DyBM three times). PS-B and PS-LSTM are
@@ -123,6 +129,7 @@ pub(crate) fn run(command: &LabCommand) -> Result<(), Failure> {
         LabCommand::Fig2(args) => Experiment::prepare(&args.lab)?.fig2(args),
         LabCommand::Fig3(args) => Experiment::prepare(&args.lab)?.fig3(args),
         LabCommand::ClosedLoop(args) => closed_loop::run(args),
+        LabCommand::Law(args) => law::run(args),
         LabCommand::Table1(args) => table1::run(args),
         LabCommand::Evaluate(args) => evaluate::run(args),
         LabCommand::Leadtime(args) => leadtime::run(args),

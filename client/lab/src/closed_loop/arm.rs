@@ -3,6 +3,7 @@
 use foretrace_config::Config;
 use foretrace_control::arm::JointLimits;
 use foretrace_control::follower::FollowerSettings;
+use foretrace_control::monitor::TrackingSettings;
 use foretrace_control::mpc::Gains;
 use foretrace_control::trust::TrustRequest;
 use foretrace_control::units::Trust;
@@ -76,6 +77,8 @@ const FREE_FEEDFORWARD: Gains = Gains { position: FREE_GAIN, velocity: 0.1, acce
 /// more: the IK is linear over a period, and fails if a jump of the pen may turn a joint by half a turn in
 /// one.
 const FREE_JOINTS: [f64; 2] = [100.0, 1e6];
+/// How far joints \[rad\] and tool \[m\] may be from their commands: as far as can be set.
+const FREE_TRACKING: [f64; 2] = [0.5, 0.2];
 /// Half the width and height of the paper in front of an unlimited arm \[m\].
 const FREE_HALF_M: [f64; 2] = [0.30, 0.25];
 
@@ -189,5 +192,8 @@ impl BenchArm {
             settings.limits = free;
         }
         [settings.ik.correction_mps, settings.ik.correction_mps2] = FREE_CORRECTION;
+        // Such an arm goes farther in a tick than a real one may be off.
+        let [joint_rad, tool_m] = FREE_TRACKING;
+        settings.safety.tracking = TrackingSettings { joint_rad, tool_m, ..settings.safety.tracking };
     }
 }

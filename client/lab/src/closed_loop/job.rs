@@ -8,6 +8,7 @@ use super::pareto::{Tuning, scale_gains, soften};
 use super::{BenchArm, BenchRow, Each, Flaws, Hand, Rival, SequenceScore, rows};
 use crate::experiments::{ClosedLoop, Desk, DeskOptions, RunError, WAIT_S, desk, learner_for, settings_for};
 use crate::parallel;
+use foretrace_control::estimate::LawParameters;
 use foretrace_control::predict::PredictorKind;
 
 /// A benchmark that could not be run.
@@ -38,6 +39,8 @@ pub struct Benchmark<'a> {
     pub arms: Vec<(BenchArm, Vec<Hand>)>,
     pub rivals: Vec<Rival>,
     pub flaws: Flaws,
+    /// Numbers of the law.
+    pub law: LawParameters,
 }
 
 /// One method on one arm.
@@ -220,11 +223,16 @@ impl Benchmark<'_> {
         };
         let mut settings = settings_for(self.config, &facts, kind);
         settings.trust_request = trust;
+        settings.law = self.law;
         job.arm.fit(self.config, &mut settings);
         match *job.tuning {
             Tuning::Gains(factor) => scale_gains(&mut settings.mpc, factor),
             Tuning::Softer(ceiling, damping) => soften(&mut settings, ceiling, damping),
             Tuning::Sharp(gain) => job.arm.sharpen(&mut settings, gain),
+            Tuning::Law(ref law) => {
+                settings.law = **law;
+                job.arm.sharpen(&mut settings, FREE_GAIN);
+            }
             Tuning::Default | Tuning::Baseline(_) => job.arm.sharpen(&mut settings, FREE_GAIN),
         }
         let horizon = self.config.settings().mpc.horizon;

@@ -6,6 +6,7 @@
 //! along `trust.ceiling` and then `mpc.feedback.velocity`. The point with the shipped settings is marked;
 //! others that the law refuses, for example as unstable, are left out. Absent: tuning of predictors.
 
+use foretrace_control::estimate::LawParameters;
 use foretrace_control::follower::FollowerSettings;
 use foretrace_control::mpc::MpcSettings;
 use foretrace_control::trust::TrustRequest;
@@ -49,6 +50,8 @@ pub(super) enum Tuning {
     Softer(f64, f64),
     /// The sharpest plan for an arm without limits, with this gain towards the prediction.
     Sharp(f64),
+    /// The law with these numbers.
+    Law(Box<LawParameters>),
     /// A baseline with these settings.
     Baseline(Box<BaselineSettings>),
 }

@@ -1,6 +1,7 @@
 //! The closed-loop benchmark on synthetic handwriting: comparisons and counts.
 
 use foretrace_config::{Config, Draft};
+use foretrace_control::estimate::LawParameters;
 use foretrace_lab::baselines::{BaselineKind, BaselineSettings, Limits, build, soften};
 use foretrace_lab::closed_loop::{
     BenchArm, BenchRow, Benchmark, Flaws, Hand, MethodOutcome, Rival, Sequence, SequenceScore, hands,
@@ -44,6 +45,7 @@ fn benchmark<'a>(config: &'a Config, arms: &[BenchArm], names: &[&str]) -> Bench
         arms: arms.iter().map(|arm| (*arm, hands(*arm))).collect(),
         rivals: names.iter().map(|name| Rival::named(name).unwrap()).collect(),
         flaws: Flaws::default(),
+        law: LawParameters::SHIPPED,
     }
 }
 
@@ -196,6 +198,7 @@ fn what_lies_behind_an_unrecorded_lift_is_scored_apart() {
             arms: vec![(BenchArm::Ideal, placed)],
             rivals: vec![Rival::HOLD],
             flaws: Flaws::default(),
+            law: LawParameters::SHIPPED,
         };
         MethodOutcome::table(&benchmark.run(|| {}).unwrap()).remove(0)
     };
@@ -203,6 +206,29 @@ fn what_lies_behind_an_unrecorded_lift_is_scored_apart() {
     let behind = leap.leap_mse_m2.unwrap();
     assert!(behind > 2.0 * leap.mse_m2, "{behind:e} {:e}", leap.mse_m2);
     assert_eq!(row(Lift::Travel).leap_mse_m2, None);
+}
+
+/// A pen that jumps across the whole paper; joints without limits follow within a tick, farther than a real
+/// arm may be off.
+#[test]
+fn an_arm_without_limits_follows_every_jump_of_the_pen() {
+    let config = config();
+    for arm in [BenchArm::Ideal, BenchArm::Delay30] {
+        let [x, y] = arm.centre_m(&config);
+        let mut writer = hand(arm, &config, &["m", "w", "8"]);
+        for (index, sample) in writer.sequences.iter_mut().flat_map(|s| &mut s.path.samples).enumerate() {
+            let side = if index / 30 % 2 == 0 { 0.12 } else { -0.12 };
+            (sample.x_m, sample.y_m) = (0.4 * sample.x_m + 0.6 * x + side, 0.4 * sample.y_m + 0.6 * y - side);
+        }
+        let benchmark = Benchmark {
+            config: &config,
+            arms: vec![(arm, vec![writer])],
+            rivals: vec![Rival::HOLD, Rival::AS_SHIPPED],
+            flaws: Flaws::default(),
+            law: LawParameters::SHIPPED,
+        };
+        assert_eq!(benchmark.run(|| {}).unwrap().len(), 2, "{}", arm.name());
+    }
 }
 
 #[test]
@@ -234,6 +260,7 @@ fn writers_who_take_turns_in_a_file_are_hands_of_their_own() {
             arms: vec![(BenchArm::Ur5, placed)],
             rivals: vec![Rival::AS_SHIPPED],
             flaws: Flaws::default(),
+            law: LawParameters::SHIPPED,
         };
         let outcomes = benchmark.run(|| {}).unwrap();
         let each: Vec<_> = benchmark.each(&outcomes).collect();
@@ -267,7 +294,9 @@ fn leaps_of_the_pen_do_not_throw_an_arm_without_limits() {
     let arms = [BenchArm::Ideal, BenchArm::Delay30].map(|arm| (arm, vec![hand(arm)])).to_vec();
     let rivals = ["mixture", "dybm", "mixture-trust1"].map(|name| Rival::named(name).unwrap()).to_vec();
     for row in MethodOutcome::table(
-        &Benchmark { config: &config, arms, rivals, flaws: Flaws::default() }.run(|| {}).unwrap(),
+        &Benchmark { config: &config, arms, rivals, flaws: Flaws::default(), law: LawParameters::SHIPPED }
+            .run(|| {})
+            .unwrap(),
     ) {
         // The jump itself is 0.4 m.
         println!("{} {}: {:.3} m at most, {:.3e} m²", row.arm, row.predictor, row.max_m, row.mse_m2);

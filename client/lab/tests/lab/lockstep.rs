@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+use foretrace_control::estimate::LawParameters;
 use foretrace_control::follower::JointCommand;
 use foretrace_control::stop::{StopCause, StopReason};
 use foretrace_control::units::Stamp;
@@ -101,6 +102,7 @@ fn an_arm_behind_a_socket_that_answers_as_a_built_in_one_gives_its_figures_to_th
         arms: vec![(BenchArm::Ur5, vec![hand(BenchArm::Ur5, &config, &["a", "8"])])],
         rivals: vec![Rival::AS_SHIPPED],
         flaws: Flaws::default(),
+        law: LawParameters::SHIPPED,
     };
     let outcomes = benchmark.run(|| {}).unwrap();
     let [outcome] = outcomes.as_slice() else { panic!("one outcome") };

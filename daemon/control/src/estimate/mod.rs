@@ -1,70 +1,86 @@
-//! What a preview is worth: how good past ones were (`skill`), and what samples newer than the grid change
-//! (`refine`).
+//! What a preview is worth: where the arm should aim, given what past previews were worth.
+//!
+//! With x the newest sample, p_j the preview j steps after the grid point and c_j its correction by the
+//! newest sample (`refine`), the arm aims at
+//!
+//! g_j = x + κ · b · s_j · (p_j − x + c_j)
+//!
+//! s_j: share of lead j (`share`); b: share at the onset of motion (`onset`); κ: of the governor of the
+//! follower. All learn from one record of past previews (`record`), which also holds the evidence for trust.
+//! Every number of it is in `parameters`.
 //!
 //! Contract: fixed size, no allocation after construction, total. In a tick `Estimate::update` comes after
 //! the prediction, `Estimate::refine` after that.
 
+mod parameters;
+mod preview;
+
+pub mod record;
 pub mod refine;
-pub mod skill;
+mod onset;
+mod share;
 
 use crate::pen::PenReading;
 use crate::predict::LearnStep;
 use crate::state::state;
-use refine::{RefineParameters, RefinedPreview, Refiner};
-use skill::{NewPreview, SKILL_LEADS, Skill, SkillParameters, SkillReport};
+pub use parameters::{LawParameters, Number};
+pub(crate) use preview::RefinedPreview;
+
+use record::{NewPreview, PreviewRecord, Worth};
+use refine::{RefinePrior, Refiner};
+
+/// Leads with a record, a share and a correction of their own \[steps\]; farther leads use the last one's.
+pub const LEADS: usize = 24;
 
 /// The record of past previews and the corrections of the newest.
 #[derive(Debug)]
 pub(crate) struct Estimate {
-    skill: Box<Skill>,
+    record: Box<PreviewRecord>,
     refiner: Box<Refiner>,
     leads_judged: usize,
 }
 
-state! { [] Estimate { skill, refiner } fixed { leads_judged } }
+state! { [] Estimate { record, refiner } fixed { leads_judged } }
 
 impl Estimate {
     /// Without evidence, on a grid of `step_ns` \[ns\]; Hold lags `feedback_lag_s` \[s\] behind the samples.
-    /// Previews are judged `per_step` if they are used so ([`Skill::new`]), over the first `leads_judged`
-    /// leads that the plan uses.
+    /// Previews are judged `per_step` if they are used so ([`PreviewRecord::new`]). `prior`: weights of the
+    /// corrections for a new hand.
     pub(crate) fn new(
         step_ns: u64,
         per_step: bool,
-        leads_judged: usize,
         feedback_lag_s: f64,
-        skill: SkillParameters,
-        refine: RefineParameters,
+        law: &LawParameters,
+        prior: &RefinePrior,
     ) -> Self {
         let step_s = step_ns as f64 * 1e-9;
-        let skill = Skill::tuned(step_s, per_step, skill).beside_feedback(feedback_lag_s);
-        let leads_judged = leads_judged.clamp(1, SKILL_LEADS);
-        Self { skill: Box::new(skill), refiner: Box::new(Refiner::tuned(step_s, refine)), leads_judged }
+        let record = PreviewRecord::tuned(step_s, per_step, law).beside_feedback(feedback_lag_s);
+        let refiner = Refiner::tuned(step_s, law, prior);
+        let leads_judged = (law.leads_judged as usize).clamp(1, LEADS);
+        Self { record: Box::new(record), refiner: Box::new(refiner), leads_judged }
     }
 
     /// Judges past previews by the grid steps that `closed`, and records the `preview` that was made from
     /// them. `switched`: by another predictor than the past ones. Returns what previews are worth, from the
-    /// `nearest` lead that the plan uses on.
+    /// `nearest` lead that the plan uses on, to an arm that is `saturated` in this share of its motion.
     pub(crate) fn update(
         &mut self,
         closed: &[LearnStep],
         switched: bool,
         preview: &RefinedPreview,
         nearest: usize,
-    ) -> SkillReport {
-        self.skill.judge(&mut self.refiner, closed);
+        saturated: f64,
+    ) -> Worth {
+        self.record.judge(&mut self.refiner, closed);
         if switched {
-            self.skill.forget();
+            self.record.forget();
             self.refiner.forget();
         }
         if !closed.is_empty() {
-            self.skill.record_preview(&NewPreview {
-                base: preview.base_position(),
-                velocity: preview.velocity,
-                path: preview.predicted(),
-                claim: preview.band(nearest as f64).map(|radius| (nearest, radius)),
-            });
+            self.record
+                .record_preview(&NewPreview { base: preview.base_position(), path: preview.predicted() });
         }
-        self.skill.report(nearest, nearest + self.leads_judged - 1)
+        self.record.report(nearest, nearest + self.leads_judged - 1, saturated)
     }
 
     /// Corrects `preview` by the `newest` sample and shrinks it to the `shares` that past previews justify;
@@ -73,19 +89,13 @@ impl Estimate {
         &mut self,
         preview: &mut RefinedPreview,
         newest: Option<&PenReading>,
-        shares: Option<&[f64; SKILL_LEADS]>,
+        shares: Option<&[f64; LEADS]>,
+        governor: f64,
     ) {
         let Some(newest) = newest else { return };
         self.refiner.observe(newest.stamp, newest.position);
-        if let Some(refinement) = preview.refine(newest, &self.refiner, shares) {
-            self.skill.record_refinement(&self.refiner, &refinement);
-        }
-    }
-
-    /// See [`Skill::record_motion`]; `None`: the arm did not follow a fresh plan in motion.
-    pub(crate) fn record_motion(&mut self, at_limit: Option<bool>, driven_ns: u64) {
-        if let Some(at_limit) = at_limit {
-            self.skill.record_motion(at_limit, driven_ns);
+        if let Some(refinement) = preview.refine(newest, &self.refiner, shares, governor) {
+            self.record.record_refinement(&self.refiner, &refinement);
         }
     }
 }

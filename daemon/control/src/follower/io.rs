@@ -275,6 +275,9 @@ pub struct StepOutput<const J: usize> {
     pub predictor: PredictorKind,
     /// Version of the weights in use (0: those it started with).
     pub weights_version: u64,
+    /// κ, the share of the way to the preview that the arm is asked to go \[1\]; below 1 it is saturated in
+    /// vain.
+    pub governor: f64,
     /// Stamp of the newest accepted pen sample.
     pub pen_stamp: Option<Stamp>,
     /// Where that sample comes from; with its stamp, its identity.

@@ -33,15 +33,14 @@ pub use settings::{FollowerError, FollowerSettings, RestRemedy, SafetySettings};
 
 use answer::answer;
 use monitor::ArmMonitor;
-use motion::{MotionGoal, Mover};
+use motion::{Followed, Governor, MotionGoal, Mover, Saturation};
 use pen::PenIntake;
 use predict::Prediction;
 use report::TickReport;
 use trust::{Evidence, TrustStage};
 use watch::ModeWatch;
 
-use crate::estimate::Estimate;
-use crate::estimate::refine::RefinedPreview;
+use crate::estimate::{Estimate, RefinedPreview};
 use crate::predict::{OnlineWeights, Oracle, Previewer};
 use crate::reference::Reference;
 use crate::units::Stamp;
@@ -58,13 +57,15 @@ pub struct Follower<const N: usize, const J: usize> {
     preview: RefinedPreview,
     estimate: Estimate,
     trust: TrustStage,
+    governor: Governor,
+    saturation: Saturation,
     reference: Reference,
     mover: Mover<N, J>,
 }
 
 state! {
     [const N: usize, const J: usize] Follower<N, J> {
-        watch, monitor, pen, prediction, preview, estimate, trust, mover,
+        watch, monitor, pen, prediction, preview, estimate, trust, governor, saturation, mover,
     }
     fixed { settings, reference }
 }
@@ -93,12 +94,14 @@ impl<const N: usize, const J: usize> Follower<N, J> {
             estimate: Estimate::new(
                 step_ns,
                 settings.trust.per_step,
-                settings.trust.parameters.leads_judged,
                 feedback_lag_s,
-                settings.skill,
-                settings.refine,
+                &settings.law,
+                &settings.prior,
             ),
-            trust: TrustStage::new(&settings, feedback_lag_s)?,
+            trust: TrustStage::new(&settings)?,
+            // The tool is the command's; a plan that models the servo puts that ahead of the arm.
+            governor: Governor::new(settings.period_ns, feedback_lag_s - settings.mpc.servo_s, &settings.law),
+            saturation: Saturation::new(settings.period_ns, &settings.law),
             reference: Reference::leading(step_ns, settings.velocity_lead_ns, plan_step_s),
             mover,
             settings,
@@ -173,14 +176,20 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         let predicted =
             self.prediction.update(&mut self.preview, fresh, input.weights, alpha, ahead.steps, &mut health);
         // Estimate: what past previews were worth, and what the newest sample changes in this one.
-        let worth =
-            self.estimate.update(closed.steps(), predicted.switched, &self.preview, ahead.nearest_lead);
-        let shares = self.trust.per_step().then(|| worth.believed());
-        self.estimate.refine(&mut self.preview, pen.newest.as_ref(), shares.as_ref());
-        // Trust: how much of the preview to use.
-        let (pen_age_ns, jumped, record) = (pen.age_ns, closed.jumped, worth.record);
+        let (steps, nearest) = (closed.steps(), ahead.nearest_lead);
+        let saturated = self.saturation.share();
+        let worth = self.estimate.update(steps, predicted.switched, &self.preview, nearest, saturated);
         let follows = self.watch.follows();
-        let trust = self.trust.update(&Evidence { follows, pen_age_ns, jumped, predicted, record }, &ahead);
+        // No part of a preview is in use.
+        if !follows || predicted.switched {
+            self.governor.release();
+        }
+        let governor = self.governor.share();
+        let shares = self.trust.per_step().then(|| worth.believed());
+        self.estimate.refine(&mut self.preview, pen.newest.as_ref(), shares.as_ref(), governor);
+        // Trust: how much of the preview to use.
+        let (pen_age_ns, record) = (pen.age_ns, worth.record);
+        let trust = self.trust.update(&Evidence { follows, pen_age_ns, predicted, record });
         clock.lap(Stage::Predict);
 
         // Reference: where the pen will be when the arm gets there.
@@ -195,13 +204,35 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         if lets_go {
             self.mover.let_go();
         }
-        self.estimate.record_motion(moved.at_limit, self.settings.period_ns);
-        let sample = pen.newest.map(|pen| (pen.stamp, self.settings.mpc.inside(pen.position)));
-        let followed = wanted.is_some_and(|wanted| wanted.follows());
-        self.trust.record(&gap, followed, &moved, sample, &ahead, health);
+        self.saturation.record(moved.at_limit);
+        if wanted.is_some_and(|wanted| wanted.follows()) {
+            self.trust.record(moved.rung);
+        }
+        if gap.lost_ns > 0 {
+            self.governor.break_off();
+        }
+        let followed = pen.newest.filter(|_| moved.follows).map(|pen| {
+            let ([x, y, _], at) = (moved.tool, self.settings.mpc.inside(pen.position));
+            let (dead_time_ns, saturated) =
+                (ahead.dead_time_ns, moved.at_limit.map(|_| self.saturation.share()));
+            Followed { now, tool: [x, y], pen: (pen.stamp, at), dead_time_ns, saturated }
+        });
+        self.governor.record(followed.as_ref(), &record, self.trust.is_automatic());
         self.monitor.record(&moved);
         clock.lap(Stage::Guard);
 
-        self.report(TickReport { request, answer, gap, health, pen, closed, ahead, trust, way, moved })
+        self.report(TickReport {
+            request,
+            answer,
+            gap,
+            health,
+            pen,
+            closed,
+            ahead,
+            trust,
+            governor,
+            way,
+            moved,
+        })
     }
 }

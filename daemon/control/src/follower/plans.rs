@@ -1,38 +1,32 @@
 //! How planning went lately, over the ticks that were to follow the pen.
 //!
-//! Contract: total; the only memory are two shares.
+//! Contract: total; the only memory is one share.
 
-use super::{Health, Rung};
+use super::Rung;
+use crate::estimate::LawParameters;
 use crate::state::state;
-use crate::trust::TrustParameters;
 
-/// Shares of the recent ticks, in \[0, 1\].
+/// What the recent ticks came to.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct PlanRecord {
-    /// Share that had to stop: no plan, or no joints for it.
+    /// Share that had to stop, in \[0, 1\]: no plan, or no joints for it.
     pub(super) stopped: f64,
-    /// Share whose plan failed. Ticks that had to shed the solve do not count.
-    pub(super) failed: f64,
-    /// Memories of the two, one tick or more \[ticks\].
-    memories: [f64; 2],
+    /// Its memory, one tick or more \[ticks\].
+    memory: f64,
 }
 
-state! { [] PlanRecord { stopped, failed } fixed { memories } }
+state! { [] PlanRecord { stopped } fixed { memory } }
 
 impl PlanRecord {
     /// At `period_ns` per tick.
-    pub(super) fn new(period_ns: u64, parameters: &TrustParameters) -> Self {
-        let ticks = |seconds: f64| (seconds / (period_ns as f64 * 1e-9)).max(1.0);
-        let memories = [ticks(parameters.unplanned_s), ticks(parameters.failed_s)];
-        Self { stopped: 0.0, failed: 0.0, memories }
+    pub(super) fn new(period_ns: u64, law: &LawParameters) -> Self {
+        Self { stopped: 0.0, memory: (law.unplanned_s / (period_ns as f64 * 1e-9)).max(1.0) }
     }
 
-    /// Counts a tick that was to follow the pen and ended on `rung` with `health`.
-    pub(super) fn add(&mut self, rung: Rung, health: Health) {
-        let one_if = |is: bool| f64::from(u8::from(is));
-        let [stopped, failed] = self.memories;
-        self.stopped += (one_if(matches!(rung, Rung::Stop | Rung::Hold)) - self.stopped) / stopped;
-        self.failed += (one_if(health.has(Health::MPC_FAILED)) - self.failed) / failed;
+    /// Counts a tick that was to follow the pen and ended on `rung`.
+    pub(super) fn add(&mut self, rung: Rung) {
+        let stopped = f64::from(u8::from(matches!(rung, Rung::Stop | Rung::Hold)));
+        self.stopped += (stopped - self.stopped) / self.memory;
     }
 }
 
@@ -40,19 +34,15 @@ impl PlanRecord {
 mod tests {
     use super::*;
 
-    /// Half a second without plans weighs the same at every rate of the loop.
+    /// A twentieth of a second without plans weighs the same at every rate of the loop.
     #[test]
     fn the_memory_is_time_and_not_ticks() {
         let after = |period_ns: u64| {
-            let mut plans = PlanRecord::new(period_ns, &TrustParameters::SHIPPED);
-            let mut health = Health::default();
-            health.set(Health::MPC_FAILED);
-            (0..500_000_000 / period_ns).for_each(|_| plans.add(Rung::Stop, health));
-            [plans.stopped, plans.failed]
+            let mut plans = PlanRecord::new(period_ns, &LawParameters::SHIPPED);
+            (0..50_000_000 / period_ns).for_each(|_| plans.add(Rung::Stop));
+            plans.stopped
         };
-        let (slow, fast) = (after(8_000_000), after(1_000_000));
-        for (slow, fast) in slow.into_iter().zip(fast) {
-            assert!((slow - fast).abs() < 0.01 && (0.3..1.0).contains(&slow), "{slow} {fast}");
-        }
+        let (slow, fast) = (after(5_000_000), after(1_000_000));
+        assert!((slow - fast).abs() < 0.02 && (0.3..0.5).contains(&slow), "{slow} {fast}");
     }
 }

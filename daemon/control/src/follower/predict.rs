@@ -1,7 +1,7 @@
 //! The prediction: predictors observe the steps that closed, and the one in charge makes the preview.
 
 use super::io::{Health, MAX_STEPS_PER_TICK, Refusal};
-use crate::estimate::refine::RefinedPreview;
+use crate::estimate::RefinedPreview;
 use crate::pen::{GridStep, Motion};
 use crate::predict::{LearnStep, OnlineWeights, Oracle, PredictorKind, Previewer};
 use crate::state::state;
@@ -20,7 +20,6 @@ state! { [] Prediction { previewer, pending } }
 pub(super) struct ClosedSteps {
     pub(super) learn: [LearnStep; MAX_STEPS_PER_TICK],
     pub(super) count: usize,
-    pub(super) jumped: bool,
     /// Error of the one-step prediction of the first of them \[m\].
     pub(super) error: Option<f64>,
 }
@@ -77,7 +76,8 @@ impl Prediction {
         health: &mut Health,
     ) -> ClosedSteps {
         let learn = [LearnStep::default(); MAX_STEPS_PER_TICK];
-        let mut closed = ClosedSteps { learn, count: steps.len(), jumped: false, error: None };
+        let mut closed = ClosedSteps { learn, count: steps.len(), error: None };
+        let mut jumped = false;
         // Only the first step of a tick was predicted from the step just before it.
         let mut expected = preview.next_displacement();
         for (slot, step) in closed.learn.iter_mut().zip(steps) {
@@ -87,9 +87,9 @@ impl Prediction {
                 let [dx, dy] = step.displacement;
                 closed.error = Some((dx - x).hypot(dy - y));
             }
-            closed.jumped |= slot.motion == Motion::Jump;
+            jumped |= slot.motion == Motion::Jump;
         }
-        if closed.jumped {
+        if jumped {
             health.set(Health::PEN_JUMP);
         }
         closed

@@ -18,6 +18,7 @@ pub(super) struct TickReport<const J: usize> {
     pub(super) closed: ClosedSteps,
     pub(super) ahead: Lookahead,
     pub(super) trust: TrustReport,
+    pub(super) governor: f64,
     /// What the way home came to.
     pub(super) way: Option<Result<(), Refusal>>,
     pub(super) moved: MotionReport<J>,
@@ -26,7 +27,8 @@ pub(super) struct TickReport<const J: usize> {
 impl<const N: usize, const J: usize> Follower<N, J> {
     /// The answer of the tick: what the stages handed on, and how they stand. Changes nothing.
     pub(super) fn report(&self, tick: TickReport<J>) -> StepOutput<J> {
-        let TickReport { request, answer, gap, health, pen, closed, ahead, trust, way, moved } = tick;
+        let TickReport { request, answer, gap, health, pen, closed, ahead, trust, governor, way, moved } =
+            tick;
         let (mode, tracker, previewer) = (self.watch.mode(), self.pen.tracker(), self.prediction.previewer());
         let taken = matches!((request, answer), (Some(Request::Arm | Request::MoveHome), Some(Ok(()))));
         let newest = pen.newest.unwrap_or_default();
@@ -44,6 +46,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
             rung: moved.rung,
             health,
             trust,
+            governor,
             predictor: previewer.active(),
             weights_version: previewer.version(),
             pen_stamp: pen.newest.map(|pen| pen.stamp),

@@ -10,8 +10,8 @@ use crate::arm::{Chain, JointLimits, Payload};
 use crate::clearance::{ClearanceError, ClearanceSettings};
 use crate::contact::ContactSettings;
 use crate::envelope::{EnvelopeError, EnvelopeSettings};
-use crate::estimate::refine::{PriorError, RefineParameters};
-use crate::estimate::skill::SkillParameters;
+use crate::estimate::LawParameters;
+use crate::estimate::refine::{PriorError, RefinePrior};
 use crate::ik::{BackendError, IkSettings};
 use crate::monitor::{LONGEST_LAG_NS, TrackingSettings};
 use crate::mpc::{AxisLimits, MpcError, MpcSettings};
@@ -71,10 +71,10 @@ pub struct FollowerSettings<const J: usize> {
     pub models: Models,
     /// Weights at start of those that learn online.
     pub weights: OnlineWeights,
-    /// Parameters of the shares and records of past previews.
-    pub refine: RefineParameters,
-    /// The numbers behind shares and records of past previews.
-    pub skill: SkillParameters,
+    /// Corrections of the preview for a new hand.
+    pub prior: RefinePrior,
+    /// The numbers of the law between prediction and plan.
+    pub law: LawParameters,
     /// When to trust the preview.
     pub trust: TrustSettings,
     /// Who decides the trust at start.
@@ -352,7 +352,7 @@ impl<const J: usize> FollowerSettings<J> {
         if step_ns == 0 || !step_ns.is_multiple_of(period_ns) {
             return Err(FollowerError::StepNotMultiple { step_ns, period_ns });
         }
-        self.refine.prior.validate()?;
+        self.prior.validate()?;
         let parts = [("preview", self.preview.step_ns), ("trust", self.trust.step_ns)];
         if let Some((part, got_ns)) = parts.into_iter().find(|(_, ns)| *ns != step_ns) {
             return Err(FollowerError::StepMismatch { part, got_ns, grid_ns: step_ns });

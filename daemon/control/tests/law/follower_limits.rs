@@ -1,22 +1,25 @@
-//! Trust behind a saturated arm, tested through the whole step.
+//! Trust and governor behind a saturated arm, tested through the whole step.
 
 use crate::support::writing::{curve, oracle, scribble, write};
 use crate::support::{Bench, PERIOD_NS, settings};
 use foretrace_control::arm::JointLimits;
-use foretrace_control::follower::{Follower, FollowerError, FollowerSettings};
+use foretrace_control::follower::{Budget, Follower, FollowerError, FollowerSettings, Request, StepOutput};
 use foretrace_control::predict::PredictorKind;
-use foretrace_control::trust::{TrustReason, TrustRequest};
-use foretrace_control::units::Trust;
+use foretrace_control::trust::TrustRequest;
+use foretrace_control::units::{Stamp, Trust};
 
 /// Dead time of the arm \[s\].
 const DEAD_S: f64 = 0.03;
+/// An arm that is asked to go less than this share of the way to the preview is held back.
+const GOVERNED: f64 = 0.95;
 
 /// Results of an arm in the interval observed, after the approach to the pen.
 struct Hurried {
     /// RMS distance \[m\] of a perfect arm from the pen one dead time later.
     rms: f64,
-    /// Trust at the end, and whether it was lowered because of the arm.
+    /// Trust and share of the governor at the end, and whether that was lowered because of the arm.
     alpha: f64,
+    governor: f64,
     lowered: bool,
     /// Share of the ticks with saturated acceleration.
     at_limit: f64,
@@ -34,15 +37,15 @@ fn hurried(
     if exact {
         bench.follower.use_oracle(oracle(start, 3000, path));
     }
-    let mut seen = Hurried { rms: 0.0, alpha: 0.0, lowered: false, at_limit: 0.0 };
+    let mut seen = Hurried { rms: 0.0, alpha: 0.0, governor: 0.0, lowered: false, at_limit: 0.0 };
     let mut count = 0.0;
     let [begin, end] = seconds;
     write(&mut bench, start, (end * 1e9) as u64 / PERIOD_NS, path, |_, output| {
         let t = output.command.unwrap().stamp.seconds_since(start);
         let [x, y] = path(t + DEAD_S);
-        seen.alpha = output.trust.alpha.alpha();
+        (seen.alpha, seen.governor) = (output.trust.alpha.alpha(), output.governor);
         if t > begin {
-            seen.lowered |= output.trust.reason == TrustReason::ArmLimited;
+            seen.lowered |= output.governor < GOVERNED;
             seen.rms += (output.tool[0] - x).powi(2) + (output.tool[1] - y).powi(2);
             let limited = output.axes.iter().any(|axis| axis.active.acceleration > 0);
             seen.at_limit += f64::from(u8::from(limited));
@@ -71,13 +74,15 @@ fn beside_manual(
 ) -> (Hurried, [f64; 2]) {
     let manual = [Trust::FULL, Trust::NONE].map(|trust| {
         let wanted = FollowerSettings { trust_request: TrustRequest::Manual(trust), ..wanted.clone() };
-        hurried(&wanted, path, exact, seconds).rms
+        let run = hurried(&wanted, path, exact, seconds);
+        assert!(!run.lowered && run.governor == 1.0, "an operator's trust was lowered to {}", run.governor);
+        run.rms
     });
     let auto = hurried(wanted, path, exact, seconds);
     let [rms, full, none] = [auto.rms, manual[0], manual[1]].map(|rms| rms * 1e3);
     println!(
-        "{rms:.2} mm at trust {:.2}, {full:.2} at 1, {none:.2} at 0; {:.2} at a limit",
-        auto.alpha, auto.at_limit
+        "{rms:.2} mm at trust {:.2} and share {:.2}, {full:.2} at 1, {none:.2} at 0; {:.2} at a limit",
+        auto.alpha, auto.governor, auto.at_limit
     );
     (auto, manual)
 }
@@ -85,7 +90,7 @@ fn beside_manual(
 #[test]
 fn an_arm_too_weak_for_what_is_foreseen_is_better_off_than_with_all_trust_or_none() {
     for acceleration_mps2 in [3.0, 4.0, 6.0] {
-        // Unpredictable strokes lower the trust; sines become predictable, and a right preview keeps it.
+        // Unpredictable strokes lower the share; sines become predictable, and a right preview keeps it.
         for (path, unforeseen) in [(scribble as fn(f64) -> [f64; 2], true), (curve, false)] {
             let wanted = weak(acceleration_mps2);
             let (Hurried { rms, lowered, .. }, [believed, held]) =
@@ -99,7 +104,8 @@ fn an_arm_too_weak_for_what_is_foreseen_is_better_off_than_with_all_trust_or_non
 
 #[test]
 fn a_good_preview_keeps_its_trust_however_much_the_arm_is_at_its_limits() {
-    let Hurried { rms, alpha, lowered, at_limit } = hurried(&weak(5.0), curve, true, [4.0, 12.0]);
+    let Hurried { rms, alpha, governor, lowered, at_limit } = hurried(&weak(5.0), curve, true, [4.0, 12.0]);
+    println!("{:.2} mm at trust {alpha:.2} and share {governor:.2}; {at_limit:.2} at a limit", rms * 1e3);
     assert!(at_limit > 0.9, "{at_limit}: an arm that is not at its limits proves nothing");
     assert!(alpha == 1.0 && !lowered && rms < 4e-3, "{rms} m at trust {alpha}");
     let Hurried { alpha, lowered, at_limit, .. } = hurried(&weak(20.0), curve, false, [4.0, 12.0]);
@@ -128,7 +134,7 @@ fn a_pen_beyond_the_workspace_and_time_lost_cost_a_good_preview_no_trust() {
             let output = bench.tick(if due { &samples } else { &[] });
             if bench.now.seconds_since(start) > 4.0 {
                 limited += f64::from(u8::from(output.axes.iter().any(|axis| axis.active.acceleration > 0)));
-                lowered += f64::from(u8::from(output.trust.reason == TrustReason::ArmLimited));
+                lowered += f64::from(u8::from(output.governor < GOVERNED));
                 judged += 1.0;
             }
         }
@@ -141,7 +147,8 @@ fn a_pen_beyond_the_workspace_and_time_lost_cost_a_good_preview_no_trust() {
     }
 }
 
-/// Low trust makes following hardly better than feedback, which is what lowers the trust of a saturated arm.
+/// A short way makes following hardly better than feedback, which is what shortens the way of a saturated
+/// arm.
 #[test]
 fn trust_that_the_arm_has_cost_a_good_preview_comes_back() {
     /// First far too fast for the arm, then motion that a trusted preview follows within millimetres.
@@ -151,13 +158,63 @@ fn trust_that_the_arm_has_cost_a_good_preview_comes_back() {
         [hard * x, hard * y]
     }
     for acceleration_mps2 in [3.0, 4.0, 5.0] {
-        let (Hurried { rms, alpha, at_limit, .. }, [believed, held]) =
+        let (Hurried { rms, alpha, governor, at_limit, .. }, [believed, held]) =
             beside_manual(&weak(acceleration_mps2), eased, true, [14.0, 24.0]);
         assert!(at_limit > 0.9, "{at_limit}: an arm that is not at its limits proves nothing");
         assert!(
-            alpha == 1.0 && rms < 1.1 * believed && rms < 0.5 * held,
+            alpha == 1.0 && governor >= GOVERNED && rms < 1.1 * believed && rms < 0.5 * held,
             "{acceleration_mps2} m/s²: {rms} m"
         );
+    }
+}
+
+/// An arm that is too weak for strokes that nobody foresees, until it is asked for half of the way.
+fn held_back() -> Bench {
+    let mut bench = Bench::armed(weak(3.0));
+    for _ in 0..10_000 {
+        let output = scribble_on(&mut bench);
+        if output.governor < 0.5 {
+            assert_eq!(output.trust.alpha, Trust::FULL, "the governor is not the trust");
+            return bench;
+        }
+    }
+    panic!("never held back");
+}
+
+/// One more tick of such strokes.
+fn scribble_on(bench: &mut Bench) -> StepOutput<6> {
+    let samples = [bench.pen(scribble(bench.now.seconds_since(Stamp(0))))];
+    let tick = bench.now.0 / PERIOD_NS;
+    bench.tick(if matches!(tick % 5, 0 | 3) { &samples } else { &[] })
+}
+
+#[test]
+fn an_operator_another_predictor_and_a_new_arming_get_all_of_the_way() {
+    let mut bench = held_back();
+    let output = bench.tick_with(&[], Some(Request::Disarm), Budget::default());
+    assert_eq!((output.answer, output.governor), (Some(Ok(())), 1.0));
+    // The way of another predictor begins when no part of the old one is in use; an operator's, gradually.
+    for request in
+        [Request::SwitchPredictor(PredictorKind::HOLD), Request::SetTrust(1.0), Request::FreezeTrust]
+    {
+        let mut bench = held_back();
+        let mut before = bench.tick_with(&[], Some(request), Budget::default());
+        assert_eq!(before.answer, Some(Ok(())));
+        let mut ticks = 0;
+        while before.governor < 1.0 {
+            let output = scribble_on(&mut bench);
+            let rise = output.governor / before.governor;
+            let at_once = before.trust.alpha == Trust::NONE;
+            assert!(rise < 1.02 || at_once, "{request:?}: {} to {}", before.governor, output.governor);
+            before = output;
+            ticks += 1;
+            assert!(ticks < 250, "{request:?}: {}", output.governor);
+        }
+        // An operator's turn makes no arm stronger.
+        if request == Request::SetTrust(1.0) {
+            bench.tick_with(&[], Some(Request::TrustAuto), Budget::default());
+            assert!((0..2000).any(|_| scribble_on(&mut bench).governor < 0.6), "{request:?}");
+        }
     }
 }
 

@@ -1,6 +1,7 @@
 //! A law that was written out and read back carries on bit for bit, whatever it was doing.
 
 use crate::support::strokes::on_paper;
+use crate::support::writing::scribble;
 use crate::support::{Bench, HOME, PERIOD_NS, learner, models_with_network, settings};
 use foretrace_clarabel::ClarabelProfile;
 use foretrace_control::arm::lag::Following;
@@ -178,6 +179,32 @@ fn the_way_home_stops_and_a_held_switch_carry_on_bit_for_bit() {
         }
     });
     assert!(modes.contains(&Mode::Homing) && modes.contains(&Mode::Stopped), "{modes:?}");
+}
+
+/// Cut where the arm is asked to go half of the way to the preview.
+#[test]
+fn an_arm_at_its_limits_carries_on_bit_for_bit() {
+    let mut weak = settings(PredictorKind::CONSTANT_VELOCITY);
+    weak.dead_time_ns = 30_000_000;
+    weak.mpc.axes.iter_mut().for_each(|axis| axis.acceleration_mps2 = 3.0);
+    let begin = Bench::new(weak.clone()).now;
+    let script = |tick: u64, bench: &Bench| {
+        let due = matches!(tick % 5, 0 | 3);
+        let pen = due.then(|| bench.pen(scribble(bench.now.seconds_since(begin))));
+        Given {
+            pen: pen.into_iter().collect(),
+            request: (tick == 2).then_some(Request::Arm),
+            ..Given::default()
+        }
+    };
+    let mut bench = Bench::new(weak.clone());
+    let half = (0..10_000).find(|&tick| {
+        let given = script(tick, &bench);
+        bench.tick_with(&given.pen, given.request, given.budget).governor < 0.5
+    });
+    let half = half.expect("never held back");
+    let modes = carried(&weak, HOME, half + 300, &[half / 2, half + 1], script);
+    assert!(modes.contains(&Mode::Following), "{modes:?}");
 }
 
 fn running() -> (FollowerSettings<6>, Vec<u8>) {

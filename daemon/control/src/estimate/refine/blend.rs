@@ -1,11 +1,13 @@
-//! Correction of a preview by newer samples: one ridge regression per lead and phase of a grid step.
+//! Correction of a preview by newer samples: one ridge regression per lead.
 //!
 //! Contract: fixed size, no allocation, total. The preview's error r at a lead is regressed on four terms
 //! known when the newest sample came: the remaining displacement of the preview, the innovation (newest
 //! sample − preview at its time), and the pen's velocity and acceleration ([`super::observer`]). The weights
 //! are shrunk towards a prior from other hands. Sums forget.
 
-use super::parameters::{BlendParameters, RefineParameters};
+use super::RefinePrior;
+use crate::estimate::LawParameters;
+use crate::pen::TARGET_RMS;
 use crate::state::state;
 
 /// Terms: remaining displacement of the preview, innovation, displacements by velocity and acceleration until
@@ -34,14 +36,15 @@ state! { [] Blend { prior, trust, squares, cross, weights, paid, asked, cases } 
 
 impl Blend {
     /// Without cases; `ahead` steps from the sample to the lead, on a tablet from coarse, 0, to clean, 1.
-    pub(super) fn new(ahead: f64, clarity: f64, parameters: &RefineParameters) -> Self {
-        let BlendParameters { ordinary, prior_cases, largest, shortest, .. } = parameters.blend;
-        let prior = parameters.prior.weights(ahead, clarity).map(|weight| bounded(weight, largest));
+    pub(super) fn new(ahead: f64, clarity: f64, prior: &RefinePrior, law: &LawParameters) -> Self {
+        let LawParameters { prior_cases, largest, shortest, .. } = *law;
+        let prior = prior.weights(ahead, clarity).map(|weight| bounded(weight, largest));
         let horizon = ahead.max(shortest);
         let cases = prior_cases * (1.0 + horizon) / (horizon * horizon);
-        let [left, innovation, velocity, acceleration] = ordinary.map(|square| cases * square);
         let square = horizon * horizon;
-        let trust = [left * square, innovation, velocity * square, acceleration * square * square];
+        let step = cases * TARGET_RMS * TARGET_RMS;
+        let (innovation, acceleration) = (cases * law.ordinary_innovation, cases * law.ordinary_acceleration);
+        let trust = [step * square, innovation, step * square, acceleration * square * square];
         Self {
             prior,
             trust,
@@ -55,19 +58,21 @@ impl Blend {
     }
 
     /// The correction of the preview: the regression's output times its worth.
-    pub(super) fn correction(&self, terms: &BlendTerms, parameters: &BlendParameters) -> [f64; 2] {
-        let worth = self.worth(parameters.prior_worth);
+    pub(super) fn correction(&self, terms: &BlendTerms, law: &LawParameters) -> [f64; 2] {
+        let worth = self.worth(law);
         self.predicted_error(terms).map(|way| worth * way)
     }
 
     /// Share of the corrections that agreed with the error, in [0, 1]: a preview that is right is not moved.
-    fn worth(&self, prior_cases: f64) -> f64 {
+    fn worth(&self, law: &LawParameters) -> f64 {
         if !(self.asked > 0.0) {
             return 1.0;
         }
         // Counts cases, not squares: a correction of a micrometre must prove itself like one of a millimetre.
         let past = self.cases * self.paid / self.asked;
-        ((past + prior_cases) / (self.cases + prior_cases)).clamp(0.0, 1.0)
+        // Forgotten like any case: (1 − λ) · cases is 1 − λⁿ after n of them.
+        let prior = law.prior_worth * (1.0 - (1.0 - law.forgetting) * self.cases);
+        ((past + prior) / (self.cases + prior)).clamp(0.0, 1.0)
     }
 
     fn predicted_error(&self, terms: &BlendTerms) -> [f64; 2] {
@@ -81,14 +86,8 @@ impl Blend {
     }
 
     /// One case: the preview's `error`, `ahead` steps after the sample. All in normalised units.
-    pub(super) fn learn(
-        &mut self,
-        terms: &BlendTerms,
-        error: [f64; 2],
-        ahead: f64,
-        parameters: &BlendParameters,
-    ) {
-        let BlendParameters { forgetting, largest, shortest, .. } = *parameters;
+    pub(super) fn learn(&mut self, terms: &BlendTerms, error: [f64; 2], ahead: f64, law: &LawParameters) {
+        let LawParameters { forgetting, largest, shortest, .. } = *law;
         let ([sx, sy], [rx, ry]) = (self.predicted_error(terms), error);
         self.paid = forgetting * self.paid + sx * rx + sy * ry;
         self.asked = forgetting * self.asked + sx * sx + sy * sy;
@@ -151,8 +150,8 @@ mod tests {
 
     use super::*;
 
-    const SHIPPED: RefineParameters = RefineParameters::SHIPPED;
-    const BLEND: BlendParameters = SHIPPED.blend;
+    const LAW: &LawParameters = &LawParameters::SHIPPED;
+    const PRIOR: &RefinePrior = &RefinePrior::SHIPPED;
 
     fn random(rng: &mut Pcg64, size: f64) -> [f64; 2] {
         [rng.random_range(-size..size), rng.random_range(-size..size)]
@@ -174,17 +173,17 @@ mod tests {
     fn weights_are_those_of_the_ridge_regression_over_the_same_cases() {
         let ahead = 3.5;
         let mut rng = Pcg64::seed_from_u64(5);
-        let mut blend = Blend::new(ahead, 0.0, &SHIPPED);
+        let mut blend = Blend::new(ahead, 0.0, PRIOR, LAW);
         let scale = 1.0 / (ahead * ahead);
         let cases = 40.0 * (1.0 + ahead) * scale;
         let ridge =
             Vector4::new(100.0 * ahead * ahead, 10.0, 100.0 * ahead * ahead, 4.0 * ahead.powi(4)) * cases;
-        let prior = Vector4::from(SHIPPED.prior.weights(ahead, 0.0));
+        let prior = Vector4::from(PRIOR.weights(ahead, 0.0));
         let (mut squares, mut cross) = (Matrix4::zeros(), Vector4::zeros());
         for _ in 0..700 {
             let (terms, error) = case(&mut rng, ahead, [-0.7, 2.0, 0.3, 0.5], 3.0);
-            blend.learn(&terms, error, ahead, &BLEND);
-            (squares, cross) = (squares * BLEND.forgetting, cross * BLEND.forgetting);
+            blend.learn(&terms, error, ahead, LAW);
+            (squares, cross) = (squares * LAW.forgetting, cross * LAW.forgetting);
             for axis in 0..2 {
                 let x = Vector4::from(terms.map(|term| term[axis]));
                 squares += x * x.transpose() * scale;
@@ -202,14 +201,14 @@ mod tests {
     #[test]
     fn a_new_hand_has_what_other_hands_had_and_learns_its_own() {
         let mut rng = Pcg64::seed_from_u64(6);
-        let mut blend = Blend::new(1.5, 0.0, &SHIPPED);
-        assert_eq!(blend.weights, SHIPPED.prior.weights(1.5, 0.0));
+        let mut blend = Blend::new(1.5, 0.0, PRIOR, LAW);
+        assert_eq!(blend.weights, PRIOR.weights(1.5, 0.0));
         let own = [-0.1, 3.0, 0.2, 0.8];
         for _ in 0..4000 {
             let (terms, error) = case(&mut rng, 1.5, own, 1.0);
-            blend.learn(&terms, error, 1.5, &BLEND);
+            blend.learn(&terms, error, 1.5, LAW);
         }
-        for ((got, own), prior) in blend.weights.iter().zip(own).zip(SHIPPED.prior.weights(1.5, 0.0)) {
+        for ((got, own), prior) in blend.weights.iter().zip(own).zip(PRIOR.weights(1.5, 0.0)) {
             assert!((got - own).abs() < 0.2 * (prior - own).abs(), "{got}, {own}, once {prior}");
         }
     }
@@ -218,15 +217,11 @@ mod tests {
     fn weights_stay_finite_and_bounded_whatever_is_learned() {
         let mut rng = Pcg64::seed_from_u64(7);
         for size in [1e-300, 1e-3, 1e3, 1e150] {
-            let mut blend = Blend::new(0.2, 0.0, &SHIPPED);
+            let mut blend = Blend::new(0.2, 0.0, PRIOR, LAW);
             for _ in 0..200 {
                 let terms = std::array::from_fn(|_| random(&mut rng, size));
-                blend.learn(&terms, random(&mut rng, size * 1e3), 0.2, &BLEND);
-                assert!(
-                    blend.weights.iter().all(|w| w.abs() <= BLEND.largest),
-                    "{size}: {:?}",
-                    blend.weights
-                );
+                blend.learn(&terms, random(&mut rng, size * 1e3), 0.2, LAW);
+                assert!(blend.weights.iter().all(|w| w.abs() <= LAW.largest), "{size}: {:?}", blend.weights);
             }
         }
     }
@@ -237,23 +232,24 @@ mod tests {
         let mut rng = Pcg64::seed_from_u64(8);
         let dot = |a: [f64; 2], b: [f64; 2]| a[0] * b[0] + a[1] * b[1];
         for own in [[-0.7, 2.0, 0.3, 0.5], [0.6, -1.0, -0.5, 0.0]] {
-            let mut blend = Blend::new(ahead, 0.5, &SHIPPED);
-            let (mut paid, mut asked, mut cases) = (0.0, 0.0, 0.0);
+            let mut blend = Blend::new(ahead, 0.5, PRIOR, LAW);
+            let (mut paid, mut asked, mut cases, mut prior) = (0.0, 0.0, 0.0, 20.0);
             for k in 0..60 {
                 let (terms, error) = case(&mut rng, ahead, own, 20.0);
                 let correction =
                     [0, 1].map(|axis| (0..TERMS).map(|i| blend.weights[i] * terms[i][axis]).sum::<f64>());
-                // Five cases in which they were fully right come first.
+                // Twenty cases in which they were fully right come first, and are forgotten like the others.
                 let past: f64 = if k == 0 { 0.0 } else { cases * paid / asked };
-                let worth = ((past + 5.0) / (cases + 5.0)).clamp(0.0, 1.0);
-                let found = blend.correction(&terms, &BLEND);
+                let worth = ((past + prior) / (cases + prior)).clamp(0.0, 1.0);
+                let found = blend.correction(&terms, LAW);
                 for (found, correction) in found.iter().zip(correction) {
                     assert!((found - worth * correction).abs() < 1e-9, "{k}: {found} {worth} {correction}");
                 }
-                blend.learn(&terms, error, ahead, &BLEND);
+                blend.learn(&terms, error, ahead, LAW);
                 paid = 0.998 * paid + dot(correction, error);
                 asked = 0.998 * asked + dot(correction, correction);
                 cases = 0.998 * cases + 1.0;
+                prior *= 0.998;
             }
         }
     }
@@ -264,7 +260,7 @@ mod tests {
         let left = (-1.0_f64).exp();
         let close =
             |found: f64, expected: f64| assert!((found - expected).abs() < 1e-12, "{found} {expected}");
-        let weight = |ahead: f64, clarity: f64, term: usize| SHIPPED.prior.weights(ahead, clarity)[term];
+        let weight = |ahead: f64, clarity: f64, term: usize| PRIOR.weights(ahead, clarity)[term];
         for (term, reach, near, far) in [(0, 1.5, -0.9, -0.6), (1, 4.0, 0.0, 1.9), (2, 5.5, 0.68, 0.0)] {
             close(weight(0.0, 0.0, term), near);
             close(weight(reach, 0.0, term), far + (near - far) * left);

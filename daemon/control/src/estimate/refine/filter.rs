@@ -3,13 +3,16 @@
 //! Contract: O(1) per sample, no allocation, total. It restarts after a silence and after a non-finite
 //! sample.
 
-use super::parameters::FilterParameters;
+use crate::estimate::LawParameters;
 use crate::state::state;
 
 /// State and covariance of the filter.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct MotionFilter {
-    parameters: FilterParameters,
+    /// Initial standard deviations of position, velocity and acceleration, in units of a sample's noise.
+    first: [f64; 3],
+    /// After a longer silence the velocity is unknown \[s\].
+    forget_after_s: f64,
     /// Process noise: change of acceleration per sample over the noise of its position \[1/s²\].
     change: f64,
     /// Time of the newest sample \[s\]; `None` before the first.
@@ -20,13 +23,20 @@ pub(super) struct MotionFilter {
     covariance: [[f64; 3]; 3],
 }
 
-state! { [] MotionFilter { change, newest_s, axes, covariance } fixed { parameters } }
+state! { [] MotionFilter { change, newest_s, axes, covariance } fixed { first, forget_after_s } }
 
 impl MotionFilter {
     /// Before the first sample; `change`: of the acceleration from sample to sample \[1/s²\], in units of a
     /// sample's noise.
-    pub(super) const fn new(change: f64, parameters: FilterParameters) -> Self {
-        Self { parameters, change, newest_s: None, axes: [[0.0; 3]; 2], covariance: [[0.0; 3]; 3] }
+    pub(super) const fn new(change: f64, law: &LawParameters) -> Self {
+        Self {
+            first: [1.0, law.filter_velocity, law.filter_acceleration],
+            forget_after_s: law.filter_forget_s,
+            change,
+            newest_s: None,
+            axes: [[0.0; 3]; 2],
+            covariance: [[0.0; 3]; 3],
+        }
     }
 
     pub(super) fn forget(&mut self) {
@@ -40,7 +50,7 @@ impl MotionFilter {
             return;
         }
         self.newest_s = Some(time_s);
-        if !(elapsed_s <= self.parameters.forget_after_s) {
+        if !(elapsed_s <= self.forget_after_s) {
             self.begin(position);
             return;
         }
@@ -92,7 +102,7 @@ impl MotionFilter {
     fn begin(&mut self, position: [f64; 2]) {
         self.axes = position.map(|x| [x, 0.0, 0.0]);
         self.covariance = [[0.0; 3]; 3];
-        for ((i, row), deviation) in self.covariance.iter_mut().enumerate().zip(self.parameters.first) {
+        for ((i, row), deviation) in self.covariance.iter_mut().enumerate().zip(self.first) {
             if let Some(diagonal) = row.get_mut(i) {
                 *diagonal = deviation * deviation;
             }
@@ -105,9 +115,8 @@ mod tests {
     use nalgebra::{Matrix3, Matrix3x2, RowVector2, Vector3};
 
     use super::*;
-    use crate::estimate::refine::RefineParameters;
 
-    const SHIPPED: FilterParameters = RefineParameters::SHIPPED.observer.filter;
+    const SHIPPED: &LawParameters = &LawParameters::SHIPPED;
 
     #[test]
     fn a_steady_acceleration_is_found_at_any_rate() {

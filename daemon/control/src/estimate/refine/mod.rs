@@ -4,25 +4,20 @@
 //! Contract: fixed size, no allocation, total. The correction at each lead is a regression learned while the
 //! pen moves (`blend`), from a prior (`prior`), on velocities of the filter that suits the tablet
 //! (`observer`). A preview that is right is not moved: corrections are weighted by how good past ones were.
-//! All numbers are in `parameters`.
 
 mod blend;
 mod filter;
 mod sample;
 mod observer;
-mod parameters;
-mod preview;
 mod prior;
 
 use crate::state::state;
-pub use parameters::{BlendParameters, FilterParameters, OBSERVERS, ObserverParameters, RefineParameters};
 pub use prior::{
     CURVE_PARTS, Curve, CurvePart, CurveShape, Curves, LARGEST_COEFFICIENT, LEGAL_REACH, PriorError,
     RefinePrior,
 };
 
 pub(crate) use blend::BlendTerms;
-pub(crate) use preview::RefinedPreview;
 pub use sample::Refinement;
 pub(crate) use sample::from;
 
@@ -30,18 +25,15 @@ use blend::Blend;
 use observer::Observers;
 use sample::SampleMotion;
 
+use super::{LEADS, LawParameters};
 use crate::units::Stamp;
-
-/// Leads with a regression of their own \[steps\]; farther leads use the last one.
-pub const REFINED_LEADS: usize = 24;
-/// Phases of a grid step with regressions of their own, because devices sample at any phase.
-pub(crate) const PHASES: usize = 4;
 
 /// The regressions, and how good their corrections were.
 #[derive(Debug, Clone)]
 pub struct Refiner {
-    parameters: RefineParameters,
-    corrections: [[Blend; REFINED_LEADS]; PHASES],
+    law: LawParameters,
+    prior: RefinePrior,
+    corrections: [Blend; LEADS],
     observers: Observers,
     /// Clarity of the observer with which the corrections were learned.
     clarity: f64,
@@ -50,22 +42,23 @@ pub struct Refiner {
     step_s: f64,
 }
 
-state! { [] Refiner { corrections, observers, clarity, unit_m, step_s } fixed { parameters } }
+state! { [] Refiner { corrections, observers, clarity, unit_m, step_s } fixed { law, prior } }
 
 impl Refiner {
     /// Without samples; grid step `step_s` \[s\].
     #[must_use]
     pub fn new(step_s: f64) -> Self {
-        Self::tuned(step_s, RefineParameters::SHIPPED)
+        Self::tuned(step_s, &LawParameters::SHIPPED, &RefinePrior::SHIPPED)
     }
 
-    /// The same with given parameters.
+    /// The same with given parameters, and weights for a new hand.
     #[must_use]
-    pub fn tuned(step_s: f64, parameters: RefineParameters) -> Self {
+    pub fn tuned(step_s: f64, law: &LawParameters, prior: &RefinePrior) -> Self {
         Self {
-            parameters,
-            corrections: fresh(0.0, &parameters),
-            observers: Observers::new(parameters.observer),
+            law: *law,
+            prior: *prior,
+            corrections: fresh(0.0, prior, law),
+            observers: Observers::new(law),
             clarity: 0.0,
             unit_m: 0.0,
             step_s,
@@ -74,12 +67,12 @@ impl Refiner {
 
     /// Samples later than this after the newest grid point do not refine \[steps\].
     pub(crate) fn latest_phase(&self) -> f64 {
-        self.parameters.latest_phase
+        self.law.latest_phase
     }
 
     /// Another predictor is active from now on: forgets what was learned about the last one.
     pub fn forget(&mut self) {
-        self.corrections = fresh(self.clarity, &self.parameters);
+        self.corrections = fresh(self.clarity, &self.prior, &self.law);
     }
 
     pub(crate) fn interrupt(&mut self) {
@@ -94,7 +87,7 @@ impl Refiner {
         let clarity = self.observers.clarity();
         if clarity != self.clarity {
             self.clarity = clarity;
-            self.corrections = fresh(clarity, &self.parameters);
+            self.corrections = fresh(clarity, &self.prior, &self.law);
         }
     }
 
@@ -120,16 +113,16 @@ impl Refiner {
         }
         let [lx, ly] = from(predicted, by.newest);
         let ahead = lead as f64 - by.phase;
-        let index = lead.saturating_sub(1).min(REFINED_LEADS - 1);
+        let index = lead.saturating_sub(1).min(LEADS - 1);
         let terms = by.motion.map(|motion| motion.terms([lx, ly], ahead));
-        let [cx, cy] = self.correction(by.phase, index, terms.as_ref());
+        let [cx, cy] = self.correction(index, terms.as_ref());
         let [x, y] = by.newest;
         [x + share * (lx + cx), y + share * (ly + cy)]
     }
 
     /// Neither a jump nor a filter's response to one.
     pub(crate) fn is_ordinary(&self, motion: &SampleMotion) -> bool {
-        motion.is_ordinary(self.parameters.leap * self.unit_m)
+        motion.is_ordinary(self.law.leap * self.unit_m)
     }
 
     /// Which filter is selected, from 0, a coarse tablet, to 1, a clean one. Previews refined with another
@@ -148,37 +141,22 @@ impl Refiner {
         self.unit_m = unit_m;
     }
 
-    /// The correction of a preview at the lead with this index, by a sample at `phase` with `terms`; in their
-    /// unit.
-    pub(crate) fn correction(&self, phase: f64, index: usize, terms: Option<&BlendTerms>) -> [f64; 2] {
-        let blend = self.corrections.get(bucket(phase)).and_then(|row| row.get(index));
-        terms.zip(blend).map_or([0.0; 2], |(terms, blend)| blend.correction(terms, &self.parameters.blend))
+    /// The correction of a preview at the lead with this index, by a sample with `terms`; in their unit.
+    pub(crate) fn correction(&self, index: usize, terms: Option<&BlendTerms>) -> [f64; 2] {
+        terms
+            .zip(self.corrections.get(index))
+            .map_or([0.0; 2], |(terms, blend)| blend.correction(terms, &self.law))
     }
 
-    /// Learns from the preview's `error`, `ahead` steps after a sample at `phase` with `terms`
-    /// \[normalised\].
-    pub(crate) fn learn(
-        &mut self,
-        phase: f64,
-        index: usize,
-        terms: &BlendTerms,
-        error: [f64; 2],
-        ahead: f64,
-    ) {
-        if let Some(blend) = self.corrections.get_mut(bucket(phase)).and_then(|row| row.get_mut(index)) {
-            blend.learn(terms, error, ahead, &self.parameters.blend);
+    /// Learns from the preview's `error`, `ahead` steps after a sample with `terms` \[normalised\].
+    pub(crate) fn learn(&mut self, index: usize, terms: &BlendTerms, error: [f64; 2], ahead: f64) {
+        if let Some(blend) = self.corrections.get_mut(index) {
+            blend.learn(terms, error, ahead, &self.law);
         }
     }
 }
 
-/// Index of the phase interval that contains `phase`.
-pub(crate) fn bucket(phase: f64) -> usize {
-    ((phase * PHASES as f64) as usize).min(PHASES - 1)
-}
-
-fn fresh(clarity: f64, parameters: &RefineParameters) -> [[Blend; REFINED_LEADS]; PHASES] {
-    std::array::from_fn(|bucket| {
-        let phase = (bucket as f64 + 0.5) / PHASES as f64;
-        std::array::from_fn(|index| Blend::new((index + 1) as f64 - phase, clarity, parameters))
-    })
+/// Samples come at any phase of a grid step: half a step late in the mean.
+fn fresh(clarity: f64, prior: &RefinePrior, law: &LawParameters) -> [Blend; LEADS] {
+    std::array::from_fn(|index| Blend::new(index as f64 + 0.5, clarity, prior, law))
 }

@@ -7,13 +7,16 @@
 //! that extrapolates best is selected.
 
 use super::filter::MotionFilter;
-use super::parameters::{OBSERVERS, ObserverParameters};
+use crate::estimate::LawParameters;
 use crate::state::state;
+
+/// Kalman filters side by side, from coarse tablets to clean ones.
+const OBSERVERS: usize = 5;
 
 /// The filters and their scores.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Observers {
-    parameters: ObserverParameters,
+    law: LawParameters,
     filters: [MotionFilter; OBSERVERS],
     chosen: usize,
     /// Claims that wait until the pen is `reach_s` further.
@@ -24,7 +27,7 @@ pub(super) struct Observers {
     judged: u32,
 }
 
-state! { [] Observers { filters, chosen, claim, missed, moved, judged } fixed { parameters } }
+state! { [] Observers { filters, chosen, claim, missed, moved, judged } fixed { law } }
 
 /// Extrapolations of every filter, made at `time_s` with the pen at `position` \[m\].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -38,10 +41,10 @@ state! { whole [] Extrapolation { time_s, position, motions } }
 
 impl Observers {
     /// Before the first sample: a coarse tablet.
-    pub(super) fn new(parameters: ObserverParameters) -> Self {
+    pub(super) fn new(law: &LawParameters) -> Self {
         Self {
-            parameters,
-            filters: parameters.changes.map(|change| MotionFilter::new(change, parameters.filter)),
+            law: *law,
+            filters: filters(law),
             chosen: 0,
             claim: None,
             missed: [0.0; OBSERVERS],
@@ -63,10 +66,10 @@ impl Observers {
             filter.see(time_s, position);
         }
         let elapsed_s = self.claim.map_or(f64::INFINITY, |claim| time_s - claim.time_s);
-        if elapsed_s < self.parameters.reach_s {
+        if elapsed_s < self.law.filter_reach_s {
             return;
         }
-        if let Some(claim) = self.claim.filter(|_| elapsed_s < 2.0 * self.parameters.reach_s) {
+        if let Some(claim) = self.claim.filter(|_| elapsed_s < 2.0 * self.law.filter_reach_s) {
             self.judge(&claim, elapsed_s, position);
         }
         self.claim = Some(Extrapolation {
@@ -96,7 +99,7 @@ impl Observers {
             square([wx - elapsed_s * vx - half * ax, wy - elapsed_s * vy - half * ay])
         });
         // Rest carries no information about filters, so it causes no forgetting.
-        let pace = self.parameters.pace * way / (way + self.moved);
+        let pace = self.law.filter_pace * way / (way + self.moved);
         let sound = errors.iter().all(|error| error.is_finite());
         if !(pace > 0.0 && sound) {
             return;
@@ -108,12 +111,22 @@ impl Observers {
         self.judged = self.judged.saturating_add(1);
         let best = self.missed.iter().enumerate().min_by(|a, b| a.1.total_cmp(b.1));
         if let (Some((best, least)), Some(now)) = (best, self.missed.get(self.chosen))
-            && self.judged >= self.parameters.settled
-            && *least < self.parameters.better * now
+            && f64::from(self.judged) >= self.law.filter_settled
+            && *least < self.law.filter_better * now
         {
             self.chosen = best;
         }
     }
+}
+
+/// From coarse to clean.
+fn filters(law: &LawParameters) -> [MotionFilter; OBSERVERS] {
+    let mut change = law.filter_coarsest;
+    [(); OBSERVERS].map(|()| {
+        let filter = MotionFilter::new(change, law);
+        change *= law.filter_ratio;
+        filter
+    })
 }
 
 #[cfg(test)]
@@ -122,9 +135,8 @@ mod tests {
     use rand_pcg::Pcg64;
 
     use super::*;
-    use crate::estimate::refine::RefineParameters;
 
-    const SHIPPED: ObserverParameters = RefineParameters::SHIPPED.observer;
+    const SHIPPED: &LawParameters = &LawParameters::SHIPPED;
     const RATE_HZ: f64 = 100.0;
 
     /// Writes for `seconds` on a tablet with this noise \[m\]; returns the RMS error of the selected filter's
@@ -155,7 +167,7 @@ mod tests {
             // Better than the filter for the other kind.
             for other in [0, OBSERVERS - 1].into_iter().filter(|other| *other != observers.chosen) {
                 let mut wrong = Observers::new(SHIPPED);
-                wrong.filters = [MotionFilter::new(SHIPPED.changes[other], SHIPPED.filter); OBSERVERS];
+                wrong.filters = [filters(SHIPPED)[other]; OBSERVERS];
                 let wrong = write(&mut wrong, 0.0, 6.0, noise_m);
                 assert!(error < 0.8 * wrong, "{noise_m} m: {error} m/s, with {other} {wrong} m/s");
             }
@@ -192,7 +204,7 @@ mod tests {
     fn filters_are_judged_by_where_they_said_that_the_pen_goes() {
         let mut rng = Pcg64::seed_from_u64(13);
         let mut observers = Observers::new(SHIPPED);
-        let mut filters = SHIPPED.changes.map(|change| MotionFilter::new(change, SHIPPED.filter));
+        let mut filters = filters(SHIPPED);
         let (mut missed, mut moved) = ([0.0; OBSERVERS], 0.0);
         let mut claimed = None;
         for k in 0..400 {
@@ -208,7 +220,7 @@ mod tests {
             {
                 let from: [f64; 2] = from;
                 let way: f64 = (0..2).map(|i| (position[i] - from[i]).powi(2)).sum();
-                let counts = SHIPPED.pace * way / (way + moved);
+                let counts = SHIPPED.filter_pace * way / (way + moved);
                 if counts > 0.0 {
                     moved += counts * (way - moved);
                     let motions: [[[f64; 2]; 2]; OBSERVERS] = motions;
@@ -225,9 +237,12 @@ mod tests {
                 assert!((found - expected).abs() <= 1e-9 * expected, "{k}: {found} {expected}");
             }
             // No filter is 15 % better than the selected one.
-            if observers.judged > SHIPPED.settled {
+            if f64::from(observers.judged) > SHIPPED.filter_settled {
                 let least = missed.iter().copied().fold(f64::INFINITY, f64::min);
-                assert!(least >= SHIPPED.better * missed[observers.chosen] * (1.0 - 1e-9), "{k}: {missed:?}");
+                assert!(
+                    least >= SHIPPED.filter_better * missed[observers.chosen] * (1.0 - 1e-9),
+                    "{k}: {missed:?}"
+                );
             }
         }
         assert!(observers.judged > 300 && observers.chosen != 0, "{observers:?}");

@@ -13,12 +13,17 @@ mod home;
 mod kept;
 mod solve;
 mod publish;
+mod governor;
+mod outcome;
+mod saturation;
 
 use crate::state::state;
 use arming::Arming;
+pub(super) use governor::{Followed, Governor};
 pub(super) use home::HomeNews;
 use home::Homing;
 use kept::KeptPath;
+pub(super) use saturation::Saturation;
 pub(super) use setup::paced;
 use setup::{comes_to_rest, inverse_kinematics, planner};
 

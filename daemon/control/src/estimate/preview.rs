@@ -2,7 +2,8 @@
 //!
 //! Contract: fixed size, no allocation, total. Positions in the plane frame \[m\].
 
-use super::{REFINED_LEADS, Refinement, Refiner};
+use super::LEADS;
+use super::refine::{Refinement, Refiner};
 use crate::pen::PenReading;
 use crate::predict::bands::PreviewBands;
 use crate::predict::{MAX_PREVIEW, PreviewReport, Previewer};
@@ -75,12 +76,14 @@ impl RefinedPreview {
     }
 
     /// Corrects the preview by `newest` and shrinks it to `shares` per lead; without shares it is used as it
-    /// is. Returns the refinement, if it is new and belongs to the preview.
+    /// is. The way to it is shortened to the share `governor` of it. Returns the refinement, if it is new and
+    /// belongs to the preview.
     pub(crate) fn refine(
         &mut self,
         newest: &PenReading,
         refiner: &Refiner,
-        shares: Option<&[f64; REFINED_LEADS]>,
+        shares: Option<&[f64; LEADS]>,
+        governor: f64,
     ) -> Option<Refinement> {
         let base = self.base?;
         let seen = Some((newest.stamp, shares.is_some()));
@@ -96,22 +99,36 @@ impl RefinedPreview {
         }
         if !(phase >= 0.0) {
             self.take_as_it_is();
+            self.shorten(newest.position, governor);
             return None;
         }
         let refinement = refiner.refinement(newest.position, phase, self.expected(phase));
         let Some(shares) = shares else {
             self.take_as_it_is();
+            self.shorten(newest.position, governor);
             return Some(refinement);
         };
         let moved = self.used.iter_mut().zip(&self.path).take(self.steps + 1);
         for (lead, (used, predicted)) in moved.enumerate().skip(1) {
-            let share = shares.get(lead.min(REFINED_LEADS) - 1).copied().unwrap_or(0.0);
+            let share = governor * shares.get(lead.min(LEADS) - 1).copied().unwrap_or(0.0);
             *used = refiner.refined(&refinement, lead, *predicted, share);
         }
         let [first, ..] = &mut self.used;
         *first = newest.position;
         self.origin = phase;
         Some(refinement)
+    }
+
+    /// Draws the path towards `newest` \[m\], down to `share` of the way from there.
+    fn shorten(&mut self, newest: [f64; 2], share: f64) {
+        if share < 1.0 {
+            let towards = |x: f64, newest: f64| newest + share * (x - newest);
+            let ([nx, ny], steps) = (newest, self.steps);
+            self.used
+                .iter_mut()
+                .take(steps + 1)
+                .for_each(|[x, y]| (*x, *y) = (towards(*x, nx), towards(*y, ny)));
+        }
     }
 
     fn take_as_it_is(&mut self) {
@@ -190,11 +207,11 @@ mod tests {
     #[test]
     fn preview_from_before_a_pause_says_nothing_of_what_comes_after() {
         let points: [[f64; 2]; 41] = std::array::from_fn(|i| [0.001 * i as f64, -0.002 * i as f64]);
-        for shares in [None, Some(&[1.0; REFINED_LEADS])] {
+        for shares in [None, Some(&[1.0; LEADS])] {
             let mut preview = RefinedPreview::of(10_000_000, Stamp(1_000_000_000), &points);
             let refiner = Refiner::new(0.01);
             let after = PenReading::new(Stamp(1_150_000_000), [0.05, 0.02], true);
-            assert!(preview.refine(&after, &refiner, shares).is_none());
+            assert!(preview.refine(&after, &refiner, shares, 1.0).is_none());
             assert!(preview.followed().iter().all(|point| *point == after.position));
         }
     }
@@ -206,13 +223,44 @@ mod tests {
         let mut refiner = Refiner::new(0.01);
         let sample = PenReading::new(Stamp(1_004_000_000), [0.0005, 0.0001], true);
         refiner.observe(sample.stamp, sample.position);
-        assert!(preview.refine(&sample, &refiner, Some(&[0.5; REFINED_LEADS])).is_some());
-        assert!(preview.refine(&sample, &refiner, Some(&[0.5; REFINED_LEADS])).is_none());
+        assert!(preview.refine(&sample, &refiner, Some(&[0.5; LEADS]), 1.0).is_some());
+        assert!(preview.refine(&sample, &refiner, Some(&[0.5; LEADS]), 1.0).is_none());
         assert_eq!(preview.followed().first(), Some(&sample.position));
         assert!((preview.origin - 0.4).abs() < 1e-12);
         // Used as it is again, with the same sample.
-        assert!(preview.refine(&sample, &refiner, None).is_some());
+        assert!(preview.refine(&sample, &refiner, None, 1.0).is_some());
         assert_eq!(preview.followed(), &points);
         assert_eq!(preview.origin, 0.0);
+    }
+
+    /// With and without corrections, and where the newest sample is older than the preview.
+    #[test]
+    fn the_governor_shortens_the_way_from_the_newest_sample_and_turns_it_nowhere() {
+        let points: [[f64; 2]; 21] = std::array::from_fn(|i| [0.001 * i as f64, 2e-5 * (i * i) as f64]);
+        for (stamp, shares) in [(4_000_000, Some(&[0.8; LEADS])), (4_000_000, None), (-2_000_000_i64, None)] {
+            let stamp = Stamp(1_000_000_000_u64.saturating_add_signed(stamp));
+            let sample = PenReading::new(stamp, [0.0005, 0.0001], true);
+            let followed = |governor: f64| {
+                let mut preview = RefinedPreview::of(10_000_000, Stamp(1_000_000_000), &points);
+                let mut refiner = Refiner::new(0.01);
+                refiner.measure(1e-4);
+                refiner.observe(sample.stamp, sample.position);
+                preview.refine(&sample, &refiner, shares, governor);
+                (preview.origin, preview.followed().to_vec())
+            };
+            let (origin, all) = followed(1.0);
+            assert_eq!(all.len(), points.len());
+            for governor in [0.1, 0.4, 1.0] {
+                let (same, shortened) = followed(governor);
+                assert_eq!(same, origin, "time is not shortened");
+                for (all, shortened) in all.iter().zip(&shortened) {
+                    for axis in 0..2 {
+                        let from = sample.position[axis];
+                        let expected = from + governor * (all[axis] - from);
+                        assert!((shortened[axis] - expected).abs() < 1e-15, "{governor}: {shortened:?}");
+                    }
+                }
+            }
+        }
     }
 }

@@ -1,6 +1,6 @@
 //! Pending previews: predictions whose outcome is not known yet, with the newer samples that refined them.
 
-use super::SKILL_LEADS;
+use crate::estimate::LEADS;
 use crate::estimate::refine::Refinement;
 use crate::state::state;
 
@@ -14,7 +14,7 @@ pub(super) struct PendingRefinement {
     pub(super) moved: u32,
 }
 
-state! { whole [] PendingRefinement { refinement, held, moved } }
+state! { [] PendingRefinement { refinement, held, moved } }
 
 #[derive(Debug, Clone, Copy)]
 pub(super) struct PendingPreview {
@@ -22,25 +22,16 @@ pub(super) struct PendingPreview {
     pub(super) age: usize,
     /// The last refinement before the next grid point closed.
     pub(super) last: PendingRefinement,
-    /// A refinement at an earlier phase of the step: every phase is used, so every phase must be learned.
-    pub(super) earlier: Option<PendingRefinement>,
-    /// Displacement before the preview \[m\], which constant velocity repeats.
-    pub(super) velocity: [f64; 2],
     /// Predicted positions \[m\].
-    pub(super) path: [[f64; 2]; SKILL_LEADS],
-    /// Index of the position for which the predictor named a band, and its radius \[m\].
-    pub(super) claim: Option<(usize, f64)>,
+    pub(super) path: [[f64; 2]; LEADS],
 }
 
-state! { [] PendingPreview { age, last, earlier, velocity, path, claim } }
+state! { [] PendingPreview { age, last, path } }
 
 impl PendingPreview {
     pub(super) const EMPTY: Self = Self {
         age: 0,
         last: PendingRefinement { refinement: Refinement::at([0.0; 2]), held: [0.0; 2], moved: 0 },
-        earlier: None,
-        velocity: [0.0; 2],
-        path: [[0.0; 2]; SKILL_LEADS],
-        claim: None,
+        path: [[0.0; 2]; LEADS],
     };
 }

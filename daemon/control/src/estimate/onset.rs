@@ -5,14 +5,14 @@
 //! the present hand is learned from its past onsets: where they were predicted well, or where the arm is
 //! rarely saturated, trust is not reduced.
 
-use super::OnsetParameters;
-use crate::pen::{REST, rests};
+use super::LawParameters;
+use crate::pen::{REST, TARGET_RMS, rests};
 use crate::state::state;
 
 /// The record of onsets.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Onset {
-    parameters: OnsetParameters,
+    law: LawParameters,
     /// Newest grid point \[m\].
     at: [f64; 2],
     /// Steps of rest since the last motion, and of motion since the last rest.
@@ -22,29 +22,19 @@ pub(super) struct Onset {
     /// \[normalised²\].
     beyond: f64,
     way: f64,
-    /// Share of the arm's recent motion in which it was saturated.
-    limited: f64,
 }
 
-state! { [] Onset { at, still, moved, beyond, way, limited } fixed { parameters } }
+state! { [] Onset { at, still, moved, beyond, way } fixed { law } }
 
 impl Onset {
-    pub(super) const fn new(parameters: OnsetParameters) -> Self {
-        let OnsetParameters { bad, head_start, .. } = parameters;
-        Self {
-            parameters,
-            at: [0.0; 2],
-            still: 0,
-            moved: 0,
-            beyond: head_start * bad,
-            way: head_start,
-            limited: 1.0,
-        }
+    pub(super) const fn new(law: &LawParameters) -> Self {
+        let way = law.onset_cases * TARGET_RMS * TARGET_RMS;
+        Self { law: *law, at: [0.0; 2], still: 0, moved: 0, beyond: way * law.onset_bad, way }
     }
 
-    /// Another predictor: forgets its onsets, keeps what concerns pen and arm.
+    /// Another predictor: forgets its onsets, keeps what concerns the pen.
     pub(super) fn forget(&mut self) {
-        let Self { beyond, way, .. } = Self::new(self.parameters);
+        let Self { beyond, way, .. } = Self::new(&self.law);
         (self.beyond, self.way) = (beyond, way);
     }
 
@@ -54,7 +44,7 @@ impl Onset {
         self.at = position;
         if rests([(x - before_x) / unit_m, (y - before_y) / unit_m]) {
             self.still = self.still.saturating_add(1);
-            if self.still >= self.parameters.rest_steps {
+            if f64::from(self.still) >= self.law.onset_rest {
                 self.moved = 0;
             }
         } else {
@@ -68,24 +58,19 @@ impl Onset {
         self.moved
     }
 
-    /// The arm moved for `dt_ns`, saturated or not.
-    pub(super) fn record_motion(&mut self, at_limit: bool, dt_ns: u64) {
-        let part = (dt_ns as f64 * 1e-9 / self.parameters.memory_s).min(1.0);
-        self.limited += part * (f64::from(u8::from(at_limit)) - self.limited);
-    }
-
-    /// Share of a preview that is trusted now, at least [`OnsetParameters::first`].
-    pub(super) fn belief(&self) -> f64 {
-        let doubt = (1.0 - self.parameters.first - self.parameters.more * f64::from(self.moved)).max(0.0);
-        let bad = self.beyond / (self.parameters.bad * self.way);
-        1.0 - doubt * bad.clamp(0.0, 1.0) * (self.limited / self.parameters.limited).min(1.0)
+    /// Share of a preview that is trusted now, at least [`LawParameters::onset_first`], by an arm that is
+    /// `saturated` in this share of its motion.
+    pub(super) fn belief(&self, saturated: f64) -> f64 {
+        let doubt = (1.0 - self.law.onset_first - self.law.onset_more * f64::from(self.moved)).max(0.0);
+        let bad = self.beyond / (self.law.onset_bad * self.way);
+        1.0 - doubt * bad.clamp(0.0, 1.0) * (saturated / self.law.onset_saturated).clamp(0.0, 1.0)
     }
 
     /// A preview made after `moved` steps predicted the displacement `predicted`; the pen moved by `real`
     /// \[normalised\] `ahead` steps later.
     pub(super) fn judged(&mut self, moved: u32, predicted: [f64; 2], real: [f64; 2], ahead: f64) {
-        if self.parameters.first + self.parameters.more * f64::from(moved) >= 1.0
-            || ahead > self.parameters.farthest
+        if self.law.onset_first + self.law.onset_more * f64::from(moved) >= 1.0
+            || ahead > self.law.onset_farthest
         {
             return;
         }
@@ -94,8 +79,8 @@ impl Onset {
         let long = px.hypot(py).max(REST);
         let beyond = ((px * (px - x) + py * (py - y)) / long).max(0.0);
         let scale = 1.0 / (ahead * ahead).max(1.0);
-        let beyond = self.beyond * self.parameters.forgetting + scale * beyond * beyond;
-        let way = self.way * self.parameters.forgetting + scale * (x * x + y * y);
+        let beyond = self.beyond * self.law.onset_forgetting + scale * beyond * beyond;
+        let way = self.way * self.law.onset_forgetting + scale * (x * x + y * y);
         if beyond.is_finite() && way.is_finite() && way > 0.0 {
             (self.beyond, self.way) = (beyond, way);
         }
@@ -105,9 +90,8 @@ impl Onset {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::estimate::skill::SkillParameters;
 
-    const SHIPPED: OnsetParameters = SkillParameters::SHIPPED.onset;
+    const SHIPPED: &LawParameters = &LawParameters::SHIPPED;
 
     /// Previews of onsets that predict `factor` times the real displacement.
     fn begin(onset: &mut Onset, cases: u32, factor: f64) {
@@ -122,10 +106,10 @@ mod tests {
     fn a_new_hand_is_believed_step_by_step() {
         let mut onset = Onset::new(SHIPPED);
         for (moved, share) in (1..).zip([0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.0]) {
-            assert!((onset.belief() - share).abs() < 1e-12, "{moved}: {}", onset.belief());
+            assert!((onset.belief(1.0) - share).abs() < 1e-12, "{moved}: {}", onset.belief(1.0));
             onset.close([f64::from(moved), 0.0], 0.1);
         }
-        assert_eq!(Onset { moved: u32::MAX, ..onset }.belief(), 1.0);
+        assert_eq!(Onset { moved: u32::MAX, ..onset }.belief(1.0), 1.0);
     }
 
     #[test]
@@ -133,9 +117,9 @@ mod tests {
         for factor in [1.0, 0.4] {
             let mut onset = Onset::new(SHIPPED);
             begin(&mut onset, 6000, factor);
-            assert!(onset.belief() > 0.95, "{factor}: {}", onset.belief());
+            assert!(onset.belief(1.0) > 0.95, "{factor}: {}", onset.belief(1.0));
             begin(&mut onset, 6000, 1.6);
-            assert!((onset.belief() - SHIPPED.first).abs() < 1e-12, "{}", onset.belief());
+            assert!((onset.belief(1.0) - SHIPPED.onset_first).abs() < 1e-12, "{}", onset.belief(1.0));
             onset.forget();
             assert_eq!(onset, Onset::new(SHIPPED));
         }
@@ -149,28 +133,15 @@ mod tests {
     }
 
     #[test]
-    fn an_arm_away_from_its_limits_has_nothing_to_wait_for_until_it_is_at_them() {
-        const DT_NS: u64 = 2_000_000;
-        let mut onset = Onset::new(SHIPPED);
-        let drive = |onset: &mut Onset, ticks: u32, every: u32| {
-            for tick in 0..ticks {
-                onset.record_motion(tick % every == 0, DT_NS);
-            }
-        };
-        drive(&mut onset, 100, u32::MAX);
-        assert!((onset.belief() - SHIPPED.first).abs() < 1e-12, "too soon: {}", onset.belief());
-        drive(&mut onset, 400, u32::MAX);
-        assert!(onset.belief() > 0.95, "{}", onset.belief());
-        // The arm's record stays when the predictor changes.
-        let free = onset.belief();
-        onset.forget();
-        assert_eq!(onset.belief(), free);
-        drive(&mut onset, 500, 10);
-        assert!((0.7..0.85).contains(&onset.belief()), "a tenth: {}", onset.belief());
-        drive(&mut onset, 500, 2);
-        assert!((onset.belief() - SHIPPED.first).abs() < 1e-12, "half: {}", onset.belief());
-        onset.record_motion(false, u64::MAX);
-        assert_eq!(onset.belief(), 1.0);
+    fn an_arm_away_from_its_limits_has_nothing_to_wait_for() {
+        let onset = Onset::new(SHIPPED);
+        for (saturated, share) in [(0.0, 1.0), (0.1, 1.0 - 0.7 / 3.0), (0.3, 0.3), (1.0, 0.3), (-1.0, 1.0)] {
+            assert!(
+                (onset.belief(saturated) - share).abs() < 1e-12,
+                "{saturated}: {}",
+                onset.belief(saturated)
+            );
+        }
     }
 
     #[test]
@@ -185,10 +156,10 @@ mod tests {
             }
         };
         steps(&mut onset, 12, 10.0);
-        steps(&mut onset, SHIPPED.rest_steps - 1, 0.5);
+        steps(&mut onset, SHIPPED.onset_rest as u32 - 1, 0.5);
         steps(&mut onset, 1, 10.0);
         assert_eq!(onset.moved(), 13);
-        steps(&mut onset, SHIPPED.rest_steps, 0.5);
+        steps(&mut onset, SHIPPED.onset_rest as u32, 0.5);
         assert_eq!(onset.moved(), 0);
         steps(&mut onset, 3, 10.0);
         assert_eq!(onset.moved(), 3);
@@ -202,11 +173,11 @@ mod tests {
             for b in bad {
                 onset.close([a, b], b);
                 onset.judged(onset.moved() % 7, [a, b], [b, a], a);
-                assert!((SHIPPED.first..=1.0).contains(&onset.belief()), "{a} {b}: {onset:?}");
+                assert!((SHIPPED.onset_first..=1.0).contains(&onset.belief(1.0)), "{a} {b}: {onset:?}");
             }
         }
         begin(&mut onset, 200_000, 1.0);
         onset.moved = 0;
-        assert!(onset.belief() > 0.95, "{onset:?}");
+        assert!(onset.belief(1.0) > 0.95, "{onset:?}");
     }
 }

@@ -1,4 +1,4 @@
-//! Skill at the onset of the pen's motion: the share of a preview that is trusted.
+//! Previews at the onset of the pen's motion: the share of a preview that is trusted.
 
 use crate::support::judging::Judge;
 
@@ -36,17 +36,12 @@ fn where_the_pen_begins_to_move_a_new_hand_is_believed_step_by_step() {
 }
 
 #[test]
-fn an_arm_away_from_its_limits_is_not_held_back_and_one_that_stands_tells_nothing() {
+fn an_arm_away_from_its_limits_is_not_held_back() {
     let predicted = [5e-3, -2e-3];
     let mut judge = Judge::new(STEP_S, true);
-    let mut drive = |at_limit, ms: u32| {
-        for _ in 0..ms {
-            judge.record_motion(at_limit, 1_000_000);
-        }
-        judge.believed(4, predicted)[0] / predicted[0]
-    };
-    assert!((drive(None, 1000) - 0.3).abs() < 1e-12);
-    assert!(drive(Some(false), 1000) > 0.95);
-    assert!(drive(None, 1000) > 0.95);
-    assert!((drive(Some(true), 1000) - 0.3).abs() < 1e-12);
+    for (saturated, share) in [(1.0, 0.3), (0.0, 1.0), (0.15, 0.65), (0.5, 0.3)] {
+        judge.saturate(saturated);
+        let believed = judge.believed(4, predicted)[0] / predicted[0];
+        assert!((believed - share).abs() < 1e-12, "{saturated}: {believed}");
+    }
 }

@@ -1,21 +1,17 @@
-//! Shares and records of the skill against sums over all cases, recomputed at every step.
+//! Shares and records of past previews against sums over all cases, recomputed at every step.
 
 use crate::support::judging::Judge;
-use foretrace_control::estimate::refine::Refiner;
-use foretrace_control::estimate::skill::{NewPreview, SKILL_LEADS, Skill, SkillParameters};
-use foretrace_control::pen::{Motion, TARGET_RMS};
-use foretrace_control::predict::LearnStep;
+use foretrace_control::estimate::{LEADS, LawParameters};
+use foretrace_control::pen::TARGET_RMS;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
 const UNIT_M: f64 = 1e-4;
 
-/// One judged case: the pen's real displacement, the predicted one, and that of constant velocity
-/// \[normalised\].
+/// One judged case: the pen's real displacement and the predicted one \[normalised\].
 struct Case {
     real: [f64; 2],
     predicted: [f64; 2],
-    steady: [f64; 2],
     /// The share in force then.
     believed: f64,
 }
@@ -31,7 +27,7 @@ fn missed(case: &Case, by: [f64; 2], share: f64) -> f64 {
 
 /// w of the module's description, the newest case last: the slope of the regression plus three standard
 /// deviations; errors `lead` steps ahead are correlated over that many steps.
-fn share(cases: &[Case], lead: usize, parameters: &SkillParameters) -> f64 {
+fn share(cases: &[Case], lead: usize, parameters: &LawParameters) -> f64 {
     let age = |i: usize| parameters.forgetting.powi((cases.len() - 1 - i) as i32);
     let sum = |of: &dyn Fn(&Case) -> f64| cases.iter().enumerate().map(|(i, c)| age(i) * of(c)).sum::<f64>();
     let way = sum(&|c| dot(c.predicted, c.predicted));
@@ -44,12 +40,27 @@ fn share(cases: &[Case], lead: usize, parameters: &SkillParameters) -> f64 {
     (slope + parameters.doubt * (unexplained / independent).sqrt()).clamp(0.0, 1.0)
 }
 
+/// Λ of the module's description: each case against the variance of Hold's error in the cases before it.
+fn evidence(cases: &[Case], lead: usize, parameters: &LawParameters) -> f64 {
+    let ordinary = parameters.head_start_cases;
+    let (mut held, mut weight, mut evidence) =
+        (ordinary * (TARGET_RMS * lead as f64).powi(2), ordinary, 20.0);
+    for case in cases {
+        let hold = missed(case, [0.0; 2], 1.0);
+        let gain = (hold - missed(case, case.predicted, case.believed)) / (2.0 * held / weight);
+        evidence = (evidence + f64::clamp(gain, -4.0, 4.0)).clamp(-20.0, 20.0);
+        held = parameters.forgetting * held + hold;
+        weight = parameters.forgetting * weight + 1.0;
+    }
+    evidence
+}
+
 #[test]
 fn shares_and_records_are_those_of_all_cases() {
-    let parameters = SkillParameters::SHIPPED;
+    let parameters = LawParameters::SHIPPED;
     let mut rng = Pcg64::seed_from_u64(4);
-    let mut skill = Judge::new(0.01, true);
-    let mut cases: Vec<Vec<Case>> = (0..SKILL_LEADS).map(|_| Vec::new()).collect();
+    let mut judge = Judge::new(0.01, true);
+    let mut cases: Vec<Vec<Case>> = (0..LEADS).map(|_| Vec::new()).collect();
     // A hand of ordinary speed, and noisy previews that overshoot by half.
     let mut pen = vec![[0.0, 0.0]];
     for k in 0..460 {
@@ -60,23 +71,23 @@ fn shares_and_records_are_those_of_all_cases() {
     }
     let mut shots: Vec<Vec<[f64; 2]>> = Vec::new();
     let normalised = |to: [f64; 2], from: [f64; 2]| [(to[0] - from[0]) / UNIT_M, (to[1] - from[1]) / UNIT_M];
-    let mut partly = 0;
+    let (mut partly, mut argued) = (0, 0);
     for k in 1..430_usize {
         for (lead, cases) in (1..).zip(&mut cases) {
             let Some(made) = k.checked_sub(lead).filter(|made| *made >= 1) else { continue };
             let predicted = normalised(shots[made - 1][lead - 1], pen[made]);
-            let steady = normalised(pen[made], pen[made - 1]).map(|v| v * lead as f64);
-            let believed = skill.share(lead);
-            cases.push(Case { real: normalised(pen[k], pen[made]), predicted, steady, believed });
+            let believed = judge.share(lead);
+            cases.push(Case { real: normalised(pen[k], pen[made]), predicted, believed });
         }
-        skill.realise(pen[k], UNIT_M);
-        let velocity = [pen[k][0] - pen[k - 1][0], pen[k][1] - pen[k - 1][1]];
+        judge.realise(pen[k], UNIT_M);
+        // For a while the wrong way, beyond doubt.
+        let factor = if (200..240).contains(&k) { -1.5 } else { 1.5 };
         let mut noisy = |lead: usize, axis: usize| {
             let way = pen[k + lead][axis] - pen[k][axis];
-            pen[k][axis] + 1.5 * way + rng.random_range(-4e-4..4e-4) * lead as f64
+            pen[k][axis] + factor * way + rng.random_range(-4e-4..4e-4) * lead as f64
         };
-        let path: Vec<_> = (1..=SKILL_LEADS).map(|lead| [noisy(lead, 0), noisy(lead, 1)]).collect();
-        skill.preview(pen[k], velocity, &path);
+        let path: Vec<_> = (1..=LEADS).map(|lead| [noisy(lead, 0), noisy(lead, 1)]).collect();
+        judge.preview(pen[k], &path);
         shots.push(path);
         if k % 7 != 0 {
             continue;
@@ -84,9 +95,9 @@ fn shares_and_records_are_those_of_all_cases() {
         for (lead, cases) in (1..).zip(&cases) {
             let expected = share(cases, lead, &parameters);
             assert!(
-                (skill.share(lead) - expected).abs() < 1e-9,
+                (judge.share(lead) - expected).abs() < 1e-9,
                 "{k}, lead {lead}: {} {expected}",
-                skill.share(lead)
+                judge.share(lead)
             );
             partly += u32::from(expected > 0.01 && expected < 0.99);
             // The record begins with cases of ordinary motion, in which the preview was better than Hold.
@@ -94,50 +105,23 @@ fn shares_and_records_are_those_of_all_cases() {
             let sum = |begin: f64, of: &dyn Fn(&Case) -> f64| {
                 cases.iter().fold(begin, |sum, case| parameters.forgetting * sum + of(case))
             };
-            let record = skill.record(lead, lead);
+            let record = judge.record(lead, lead);
             for (found, expected) in [
                 (record.preview, sum(0.7 * ordinary, &|c| missed(c, c.predicted, c.believed))),
                 (record.hold, sum(ordinary, &|c| missed(c, [0.0; 2], 1.0))),
-                (record.steady, sum(ordinary, &|c| missed(c, c.steady, 1.0))),
-                (record.cases, sum(0.0, &|_| 1.0)),
             ] {
                 assert!(
                     (found / expected.max(1e-9) - 1.0).abs() < 1e-9 || found == expected,
                     "{found} {expected}"
                 );
             }
+            let expected = evidence(cases, lead, &parameters);
+            assert!((record.evidence - expected).abs() < 1e-9, "{k}, lead {lead}: {record:?} {expected}");
+            argued += u32::from(expected.abs() < 20.0);
         }
+        let least = (3..=6).map(|lead| judge.record(lead, lead).evidence).fold(20.0, f64::min);
+        assert_eq!(judge.record(3, 6).evidence, least);
     }
+    assert!(argued > 50, "{argued} between the bounds of the evidence");
     assert!(partly > 200, "{partly} shares between nothing and all");
-}
-
-/// The share of wrong claims after `cases` claims of `radius_m`, `lead` steps ahead, for a pen 0.5 mm beside
-/// every preview.
-fn surprise(lead: usize, radius_m: f64, cases: usize) -> f64 {
-    let (mut skill, mut refiner) = (Skill::new(0.01, false), Refiner::new(0.01));
-    for k in 0..cases + lead {
-        let base = [1e-3 * k as f64, 0.0];
-        let path: Vec<_> = (1..=SKILL_LEADS).map(|ahead| [base[0] + 1e-3 * ahead as f64, 5e-4]).collect();
-        let claim = Some((lead, radius_m));
-        skill.record_preview(&NewPreview { base, velocity: [1e-3, 0.0], path: &path, claim });
-        let (motion, position) = (Motion::Continues, [base[0] + 1e-3, 0.0]);
-        let closed = LearnStep { motion, position, scale_m: UNIT_M, ..LearnStep::default() };
-        skill.judge(&mut refiner, &[closed]);
-    }
-    // The first claim is judged when its step closes, `lead` steps later.
-    skill.report(1, 1).record.surprise
-}
-
-#[test]
-fn surprises_are_the_claims_that_the_pen_left() {
-    let memory = SkillParameters::SHIPPED.surprise_cases;
-    for lead in [1, 3, 9] {
-        for cases in [1, 40, 300] {
-            assert_eq!(surprise(lead, 5.1e-4, cases), 0.0, "lead {lead}");
-            let all = 1.0 - (1.0 - 1.0 / memory).powi(cases as i32 + 1);
-            let found = surprise(lead, 4.9e-4, cases);
-            assert!((found - all).abs() < 1e-12, "lead {lead}, {cases} cases: {found} {all}");
-        }
-    }
-    assert_eq!(surprise(0, 1e-4, 100), 0.0, "a claim about the base says nothing");
 }

@@ -5,7 +5,7 @@
 //! the servo's lag). Under feedback alone the tool is where the pen was one dead time and feedback lag
 //! earlier.
 
-use super::TrustParameters;
+use crate::estimate::LawParameters;
 use crate::state::state;
 use crate::units::Stamp;
 
@@ -14,7 +14,7 @@ const TICKS: usize = 512;
 
 /// The two mean squared errors.
 #[derive(Debug, Clone)]
-pub struct Outcome {
+pub(super) struct Outcome {
     /// Tool and pen per tick \[m\], a ring; `last` is the newest, `known` how many there are.
     tool: [[f64; 2]; TICKS],
     pen: [[f64; 2]; TICKS],
@@ -22,7 +22,7 @@ pub struct Outcome {
     known: usize,
     period_ns: u64,
     lag_ns: u64,
-    /// See [`TrustParameters::outcome_s`] and [`TrustParameters::outcome_poor`].
+    /// See [`LawParameters::outcome_s`] and [`LawParameters::outcome_poor`].
     time_s: f64,
     poor: f64,
     /// Mean squared errors \[m²\].
@@ -35,7 +35,7 @@ state! { [] Outcome { tool, pen, last, known, period_ns, lag_ns, time_s, poor, f
 impl Outcome {
     /// Without evidence, in ticks of `period_ns` \[ns\]; feedback lags `lag_s` \[s\] behind the samples.
     #[must_use]
-    pub fn new(period_ns: u64, lag_s: f64, parameters: &TrustParameters) -> Self {
+    pub(super) fn new(period_ns: u64, lag_s: f64, law: &LawParameters) -> Self {
         Self {
             tool: [[0.0; 2]; TICKS],
             pen: [[0.0; 2]; TICKS],
@@ -43,26 +43,32 @@ impl Outcome {
             known: 0,
             period_ns: period_ns.max(1),
             lag_ns: (lag_s * 1e9) as u64,
-            time_s: parameters.outcome_s,
-            poor: parameters.outcome_poor,
+            time_s: law.outcome_s,
+            poor: law.outcome_poor,
             followed: 0.0,
             held: 0.0,
         }
     }
 
     /// The arm does not follow: nothing to judge.
-    pub fn forget(&mut self) {
+    pub(super) fn forget(&mut self) {
         (self.known, self.followed, self.held) = (0, 0.0, 0.0);
     }
 
     /// Time was lost: stored ticks are older than their index says. The mean errors stay.
-    pub fn break_off(&mut self) {
+    pub(super) fn break_off(&mut self) {
         self.known = 0;
     }
 
     /// A tick at `now` put the tool to `tool` \[m\] for the end of its period; the newest sample lay at `pen`
     /// \[m\] at `stamp`.
-    pub fn see(&mut self, now: Stamp, tool: [f64; 2], (stamp, pen): (Stamp, [f64; 2]), dead_time_ns: u64) {
+    pub(super) fn see(
+        &mut self,
+        now: Stamp,
+        tool: [f64; 2],
+        (stamp, pen): (Stamp, [f64; 2]),
+        dead_time_ns: u64,
+    ) {
         self.last = (self.last + 1) % TICKS;
         self.known = (self.known + 1).min(TICKS);
         if let (Some(to), Some(at)) = (self.tool.get_mut(self.last), self.pen.get_mut(self.last)) {
@@ -94,13 +100,13 @@ impl Outcome {
     /// Delay from a change of the plan's targets to its effect here: dead time plus the lag of feedback
     /// \[ns\].
     #[must_use]
-    pub const fn reaction_ns(&self, dead_time_ns: u64) -> u64 {
+    pub(super) const fn reaction_ns(&self, dead_time_ns: u64) -> u64 {
         dead_time_ns.saturating_add(self.lag_ns)
     }
 
     /// Following was hardly better than feedback alone.
     #[must_use]
-    pub fn is_poor(&self) -> bool {
+    pub(super) fn is_poor(&self) -> bool {
         self.followed > self.poor * self.held
     }
 }
@@ -131,7 +137,7 @@ mod tests {
 
     #[test]
     fn who_follows_like_feedback_follows_poorly_and_who_is_there_does_not() {
-        let mut outcome = Outcome::new(PERIOD_NS, LAG_S, &TrustParameters::SHIPPED);
+        let mut outcome = Outcome::new(PERIOD_NS, LAG_S, &LawParameters::SHIPPED);
         assert!(!outcome.is_poor());
         follow(&mut outcome, 0.0);
         assert!(!outcome.is_poor());
@@ -152,8 +158,8 @@ mod tests {
 
     #[test]
     fn what_is_poor_and_how_long_is_looked_back_are_parameters() {
-        let mut strict = TrustParameters { outcome_poor: 0.01, ..TrustParameters::SHIPPED };
-        let mut outcome = Outcome::new(PERIOD_NS, LAG_S, &TrustParameters::SHIPPED);
+        let mut strict = LawParameters { outcome_poor: 0.01, ..LawParameters::SHIPPED };
+        let mut outcome = Outcome::new(PERIOD_NS, LAG_S, &LawParameters::SHIPPED);
         let mut asked = Outcome::new(PERIOD_NS, LAG_S, &strict);
         strict.outcome_s = 1e3;
         let mut slow = Outcome::new(PERIOD_NS, LAG_S, &strict);
@@ -163,7 +169,7 @@ mod tests {
         assert!(!outcome.is_poor() && asked.is_poor());
         assert!(slow.held < 0.01 * asked.held, "{} {}", slow.held, asked.held);
         // Non-finite parameters have no effect.
-        let nothing = TrustParameters { outcome_s: 0.0, outcome_poor: f64::NAN, ..TrustParameters::SHIPPED };
+        let nothing = LawParameters { outcome_s: 0.0, outcome_poor: f64::NAN, ..LawParameters::SHIPPED };
         let mut broken = Outcome::new(PERIOD_NS, LAG_S, &nothing);
         follow(&mut broken, 0.02);
         assert!(!broken.is_poor() && broken.followed == 0.0);
@@ -172,7 +178,7 @@ mod tests {
     #[test]
     fn time_that_was_lost_is_no_error_of_an_arm_that_is_where_it_should_be() {
         let followed = |reported: bool| {
-            let mut outcome = Outcome::new(PERIOD_NS, LAG_S, &TrustParameters::SHIPPED);
+            let mut outcome = Outcome::new(PERIOD_NS, LAG_S, &LawParameters::SHIPPED);
             let mut now = Stamp(1_000_000_000);
             for tick in 0..3000_u64 {
                 now = now + PERIOD_NS;
@@ -193,7 +199,7 @@ mod tests {
 
     #[test]
     fn numbers_that_are_none_and_times_that_cannot_be_leave_sound_sums() {
-        let mut outcome = Outcome::new(PERIOD_NS, f64::NAN, &TrustParameters::SHIPPED);
+        let mut outcome = Outcome::new(PERIOD_NS, f64::NAN, &LawParameters::SHIPPED);
         follow(&mut outcome, 0.1);
         let bad = [f64::NAN, f64::INFINITY, -1e300];
         for (tick, bad) in bad.into_iter().cycle().take(600).enumerate() {
