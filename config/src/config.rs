@@ -82,7 +82,7 @@ impl Config {
     ///
     /// As [`Config::load`].
     pub fn recorded(text: &str) -> Result<Self, ConfigError> {
-        Draft::written(text, "the recording", ".", layers::overlay_recorded).finish()
+        Draft::recorded(text).finish()
     }
 
     /// The settings, section by section.
@@ -222,6 +222,13 @@ impl Draft {
     #[must_use]
     pub fn text(text: &str, name: &str, folder: impl AsRef<Path>) -> Self {
         Self::written(text, name, folder, layers::overlay)
+    }
+
+    /// Starts from the settings of a recording: names of earlier versions are translated, and keys that are
+    /// gone have no effect ([`Config::gone`]).
+    #[must_use]
+    pub fn recorded(text: &str) -> Self {
+        Self::written(text, "the recording", ".", layers::overlay_recorded)
     }
 
     fn written(

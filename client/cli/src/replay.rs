@@ -7,7 +7,7 @@ use foretrace_record::replay::{Difference, ReplayEnd, ReplayError, ReplayOutcome
 use foretrace_record::what_if::{Variant, WhatIfError, what_if};
 
 use crate::failure::Failure;
-use crate::output::{JsonArgs, say};
+use crate::output::{JsonArgs, note, say};
 use crate::record::{undamaged, unrecorded};
 
 /// Run the recorded ticks again, and compare every command bit for bit
@@ -67,6 +67,7 @@ pub(crate) fn run(args: &ReplayArgs) -> Result<(), Failure> {
         outcome.seconds,
         outcome.first_tick
     );
+    say_gone(&outcome.gone);
     let verdict = verdict(&outcome).and(undamaged(&args.file, outcome.damage.as_deref()));
     args.json.write(&outcome)?;
     verdict
@@ -88,6 +89,7 @@ fn compare(args: &ReplayArgs) -> Result<(), Failure> {
         answer.seconds,
         answer.ticks
     );
+    say_gone(&answer.gone);
     say!(
         "the arm: {:.1} ms of delay, {:.1} ms of servo, {:.1} ms of joint loop; under the recorded commands it is \
          {:.3} mm rms from the recorded one",
@@ -119,6 +121,11 @@ fn compare(args: &ReplayArgs) -> Result<(), Failure> {
     }
     args.json.write(&answer)?;
     undamaged(&args.file, answer.damage.as_deref())
+}
+
+/// Names the recorded settings that this version has not.
+fn say_gone(keys: &[String]) {
+    keys.iter().for_each(|key| note!("replay: of the recorded settings {key}"));
 }
 
 fn unanswered(error: WhatIfError) -> Failure {

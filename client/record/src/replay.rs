@@ -111,6 +111,9 @@ pub struct ReplayOutcome {
     pub end: ReplayEnd,
     /// Where and why the file ends early, which what is missing may come of; `None`: it is whole.
     pub damage: Option<String>,
+    /// Keys of the recorded settings that are gone, each with the reason: the law of then had something that
+    /// this one has not.
+    pub gone: Vec<String>,
     /// The first difference, if there is any.
     pub difference: Option<Difference>,
     /// Ticks with a difference.
@@ -226,6 +229,7 @@ pub fn replay(path: &Path) -> Result<ReplayOutcome, ReplayError> {
             seconds: 0.0,
             end: ReplayEnd::OfRecording,
             damage: beginning.damage.clone(),
+            gone: config.gone(),
             difference: None,
             different_ticks: 0,
             largest_rad: 0.0,

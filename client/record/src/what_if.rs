@@ -60,6 +60,8 @@ pub struct WhatIfReport {
     pub ticks: usize,
     /// Where and why the file ends early; `None`: it is whole.
     pub damage: Option<String>,
+    /// Keys of the recorded settings that are gone, each with the reason; they have no effect here.
+    pub gone: Vec<String>,
     /// The arm that was fitted.
     pub arm: Servo,
     /// From the modelled to the recorded tool under the recorded commands, rms \[mm\].
@@ -117,7 +119,7 @@ impl Variant {
     }
 
     fn config(&self, toml: &str) -> Result<Config, WhatIfError> {
-        let mut draft = Draft::text(toml, "the recording", ".");
+        let mut draft = Draft::recorded(toml);
         for (key, value) in &self.changes {
             draft = draft.set(key, value);
         }
@@ -195,6 +197,7 @@ pub fn what_if(path: &Path, variants: &[Variant], threads: usize) -> Result<What
         seconds: hand.seconds,
         ticks: life.len(),
         damage,
+        gone: config.gone(),
         arm,
         arm_misfit_mm: misfit,
         rows,

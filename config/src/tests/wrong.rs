@@ -2,7 +2,7 @@
 
 use super::{over_ur5, problems};
 use crate::problem::ProblemKind;
-use crate::{Config, Problem};
+use crate::{Config, Draft, Problem};
 
 /// The one message about `text` placed under the UR5 preset.
 fn message(text: &str) -> String {
@@ -262,4 +262,23 @@ fn a_predictor_of_an_earlier_name_is_refused_with_its_new_one_and_translated_in_
         Some("none")
     );
     assert!(Config::recorded("preset = \"ur5\"\n[predictor]\nkind = \"hers\"\n").is_err());
+}
+
+#[test]
+fn a_key_that_is_gone_is_refused_with_the_reason_and_reported_of_a_recording() {
+    let settings = "preset = \"ur5\"\n[trust]\nproof_cases = 20\nramp_steps = 7\n";
+    let refused = Config::parse(settings, "table.toml", ".").unwrap_err().to_string();
+    assert!(refused.contains("table.toml:3") && refused.contains("`trust.proof_cases`"), "{refused}");
+    assert!(refused.contains("is gone") && refused.contains("leave the line out"), "{refused}");
+    assert!(Draft::preset("ur5").set("trust.proof_cases", "1").finish().is_err());
+
+    let recorded = Config::recorded(settings).unwrap();
+    assert_eq!(recorded.settings().trust.ramp_steps, 7, "the keys beside it count");
+    let [gone] = recorded.gone().try_into().unwrap();
+    assert!(gone.contains("`trust.proof_cases`") && gone.contains("is gone"), "{gone}");
+    // A change on top of it is judged like any other.
+    let changed = Draft::recorded(settings).set("trust.ramp_steps", "9").finish().unwrap();
+    assert_eq!((changed.settings().trust.ramp_steps, changed.gone().len()), (9, 1));
+    assert!(Draft::recorded(settings).set("trust.proof_cases", "1").finish().is_err());
+    assert!(Draft::preset("ur5").finish().unwrap().gone().is_empty());
 }
