@@ -127,6 +127,30 @@ fn pareto_gives_points_json_and_a_picture() {
     assert!(text.contains("otg") && text.contains("RMS error [mm]"));
 }
 
+/// The table of `lab law` says what `--law` does.
+#[test]
+fn a_number_of_the_law_changes_the_error_by_as_much_as_its_table_says() {
+    let world = World::alone(PROGRAM);
+    let set = set(&world);
+    let out = world.file("report").display().to_string();
+    let both = ["--data", &set, "--split", "all", "--arms", "ur5", "--json", "-"];
+    let law = ["lab", "law", "--numbers", "onset_first,right"];
+    let json = result(&world, &[&law[..], &both[..]].concat());
+    let cells: Vec<_> = json["cells"].as_array().unwrap().iter().map(|cell| &cell["effect"]).collect();
+    let tried: Vec<_> = cells.iter().map(|cell| (cell["number"].as_str().unwrap(), &cell["value"])).collect();
+    let values = [0.15, 0.6, 0.05, 0.2].map(Value::from);
+    let names = ["onset_first", "onset_first", "right", "right"];
+    assert_eq!(tried, names.into_iter().zip(&values).collect::<Vec<_>>());
+
+    let error = |more: &[&str]| {
+        let run = ["lab", "closed-loop", "--predictors", "mixture", "--out", &out];
+        result(&world, &[&run[..], &both[..], more].concat())["rows"][0]["mse_m2"].as_f64().unwrap()
+    };
+    let ratio = error(&["--law", "onset_first=0.15"]) / error(&[]);
+    let told = cells[0]["error_ratio"].as_f64().unwrap();
+    assert!((ratio / told - 1.0).abs() < 1e-9 && (ratio - 1.0).abs() > 1e-3, "{ratio} {told}");
+}
+
 #[test]
 fn names_that_nobody_has_are_answered_with_those_that_there_are() {
     let world = World::alone(PROGRAM);

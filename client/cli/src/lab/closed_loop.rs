@@ -126,9 +126,7 @@ impl ClosedLoopArgs {
                     number.unit
                 )));
             }
-            if let Some(own) = law.number(name) {
-                *own = value;
-            }
+            law = law.with(&number, value);
         }
         Ok(law)
     }
@@ -143,12 +141,12 @@ pub(super) fn run(args: &ClosedLoopArgs) -> Result<(), Failure> {
     args.json.claim_beside(&args.out)?;
     let config = args.settings.load()?;
     let rivals = rivals(&args.predictors, args.pareto)?;
+    let law = args.law()?;
     let arms = if args.trial.on_a_socket() { vec![BenchArm::Ur5] } else { arms(&args.arms)? };
     let (title, arms) = written(args, arms, &config)?;
     if args.trial.asked() {
         return trial::run(args, &config, &rivals, arms, &title);
     }
-    let law = args.law()?;
     let benchmark = Benchmark { config: &config, arms, rivals, flaws: args.flaws(), law };
     if args.pareto {
         return pareto(args, &title, &benchmark);

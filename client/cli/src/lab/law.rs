@@ -77,7 +77,6 @@ pub(super) fn run(args: &LawArgs) -> Result<(), Failure> {
     for number in &numbers {
         let of = |(_, effect): &&(String, NumberEffect)| effect.number == number.name;
         let mut values: Vec<_> = effects.iter().filter(of).map(|(_, effect)| effect.value).collect();
-        values.dedup();
         values.sort_by(f64::total_cmp);
         values.dedup();
         for value in values {
@@ -96,19 +95,21 @@ pub(super) fn run(args: &LawArgs) -> Result<(), Failure> {
 
 /// A row of the table.
 fn row(number: &Number, value: f64, ratios: &[(f64, &str, &str)]) -> String {
-    let mut law = LawParameters::SHIPPED;
-    let own = law.number(number.name).map_or(f64::NAN, |own| *own);
+    let unit = if number.unit == "1" { String::new() } else { format!(" {}", number.unit) };
     let mean = ratios.iter().map(|(ratio, ..)| ratio.ln()).sum::<f64>() / ratios.len().max(1) as f64;
-    let percent = |ratio: f64| format!("{:+.1} %", 100.0 * (ratio - 1.0));
+    let percent = |ratio: f64| {
+        let tenths = (1000.0 * (ratio - 1.0)).round();
+        if tenths == 0.0 { "0".to_owned() } else { format!("{:+.1} %", 0.1 * tenths) }
+    };
     let cell = |chosen: Option<&(f64, &str, &str)>| {
         chosen.map_or_else(String::new, |(ratio, set, arm)| format!("{} {set} {arm}", percent(*ratio)))
     };
     let least = ratios.iter().min_by(|a, b| a.0.total_cmp(&b.0));
     let most = ratios.iter().max_by(|a, b| a.0.total_cmp(&b.0));
     format!(
-        "| `{}` | {own} {} | {value} | {} | {} | {} |",
+        "| `{}` | {}{unit} | {value} | {} | {} | {} |",
         number.name,
-        number.unit,
+        number.value,
         percent(mean.exp()),
         cell(least),
         cell(most)
@@ -124,7 +125,7 @@ fn numbers(names: &[String]) -> Result<Vec<Number>, Failure> {
 
 /// The number of the law with this name.
 pub(super) fn named_number(name: &str) -> Result<Number, Failure> {
-    LawParameters::NUMBERS.iter().find(|number| number.name == name).copied().ok_or_else(|| {
+    LawParameters::named(name).copied().ok_or_else(|| {
         let known = LawParameters::NUMBERS.iter().map(|number| number.name).collect::<Vec<_>>().join(" ");
         Failure::usage(
             format_args!("no number of the law is called {name:?}"),

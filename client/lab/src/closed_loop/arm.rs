@@ -192,7 +192,8 @@ impl BenchArm {
             settings.limits = free;
         }
         [settings.ik.correction_mps, settings.ik.correction_mps2] = FREE_CORRECTION;
-        // Such an arm goes farther in a tick than a real one may be off.
+        // The monitor knows the arm's answer on a grid of 10 ms; within one step such an arm crosses the
+        // paper.
         let [joint_rad, tool_m] = FREE_TRACKING;
         settings.safety.tracking = TrackingSettings { joint_rad, tool_m, ..settings.safety.tracking };
     }

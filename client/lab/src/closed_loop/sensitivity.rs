@@ -17,15 +17,10 @@ pub struct NumberEffect {
     pub error_ratio: f64,
 }
 
-/// The values tried of a number: half and double of `value`, or what of it is legal.
+/// The values tried of a number: half and double of `value`, or what of it is in the range.
 #[must_use]
 pub fn half_and_double(number: &Number, value: f64) -> [f64; 2] {
     let [least, most] = number.range;
-    // A forgetting factor of 0.998 remembers 500 cases; half and double of it are meant, not of the factor.
-    if most == 1.0 && value > 0.9 {
-        let memory = 1.0 - value;
-        return [1.0 - 2.0 * memory, 1.0 - 0.5 * memory].map(|value| value.clamp(least, most));
-    }
     [0.5 * value, 2.0 * value].map(|value| value.clamp(least, most))
 }
 
@@ -47,16 +42,10 @@ impl Benchmark<'_> {
         numbers: &[Number],
         done: impl FnMut(),
     ) -> Result<Vec<NumberEffect>, BenchError> {
-        let mut own = self.law;
-        let mut tried = vec![(None, own)];
+        let mut tried = vec![(None, self.law)];
         for number in numbers {
-            let Some(value) = own.number(number.name).copied() else { continue };
-            for value in half_and_double(number, value) {
-                let mut law = self.law;
-                if let Some(changed) = law.number(number.name) {
-                    *changed = value;
-                }
-                tried.push((Some((number.name, value)), law));
+            for value in half_and_double(number, number.value) {
+                tried.push((Some((number.name, value)), self.law.with(number, value)));
             }
         }
         let task = |arm: usize, parameters: &LawParameters| MethodTask {
@@ -93,11 +82,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn half_and_double_stay_in_the_range_and_a_memory_is_halved_by_its_cases() {
-        let of = |name: &str| LawParameters::NUMBERS.iter().find(|n| n.name == name).copied().expect("known");
+    fn half_and_double_stay_in_the_range() {
+        let of = |name: &str| *LawParameters::named(name).expect("known");
         assert_eq!(half_and_double(&of("prior_cases"), 40.0), [20.0, 80.0]);
         assert_eq!(half_and_double(&of("outcome_poor"), 0.6), [0.3, 1.0]);
-        let [short, long] = half_and_double(&of("forgetting"), 0.998);
-        assert!((short - 0.996).abs() < 1e-12 && (long - 0.999).abs() < 1e-12);
     }
 }

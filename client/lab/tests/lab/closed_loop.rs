@@ -208,8 +208,8 @@ fn what_lies_behind_an_unrecorded_lift_is_scored_apart() {
     assert_eq!(row(Lift::Travel).leap_mse_m2, None);
 }
 
-/// A pen that jumps across the whole paper; joints without limits follow within a tick, farther than a real
-/// arm may be off.
+/// A pen that jumps across the whole paper; joints without limits follow within a tick, where a real arm that
+/// is so far from what its answer to the commands was would be a fault.
 #[test]
 fn an_arm_without_limits_follows_every_jump_of_the_pen() {
     let config = config();

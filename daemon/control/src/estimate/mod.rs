@@ -37,10 +37,9 @@ pub const LEADS: usize = 24;
 pub(crate) struct Estimate {
     record: Box<PreviewRecord>,
     refiner: Box<Refiner>,
-    leads_judged: usize,
 }
 
-state! { [] Estimate { record, refiner } fixed { leads_judged } }
+state! { [] Estimate { record, refiner } }
 
 impl Estimate {
     /// Without evidence, on a grid of `step_ns` \[ns\]; Hold lags `feedback_lag_s` \[s\] behind the samples.
@@ -56,13 +55,13 @@ impl Estimate {
         let step_s = step_ns as f64 * 1e-9;
         let record = PreviewRecord::tuned(step_s, per_step, law).beside_feedback(feedback_lag_s);
         let refiner = Refiner::tuned(step_s, law, prior);
-        let leads_judged = (law.leads_judged as usize).clamp(1, LEADS);
-        Self { record: Box::new(record), refiner: Box::new(refiner), leads_judged }
+        Self { record: Box::new(record), refiner: Box::new(refiner) }
     }
 
     /// Judges past previews by the grid steps that `closed`, and records the `preview` that was made from
-    /// them. `switched`: by another predictor than the past ones. Returns what previews are worth, from the
-    /// `nearest` lead that the plan uses on, to an arm that is `saturated` in this share of its motion.
+    /// them. `switched`: by another predictor than the past ones. Returns what previews are worth at the
+    /// `nearest` lead that the plan uses and the one behind it, between which its first step lies, to an arm
+    /// that is `saturated` in this share of its motion.
     pub(crate) fn update(
         &mut self,
         closed: &[LearnStep],
@@ -80,7 +79,7 @@ impl Estimate {
             self.record
                 .record_preview(&NewPreview { base: preview.base_position(), path: preview.predicted() });
         }
-        self.record.report(nearest, nearest + self.leads_judged - 1, saturated)
+        self.record.report(nearest, nearest + 1, saturated)
     }
 
     /// Corrects `preview` by the `newest` sample and shrinks it to the `shares` that past previews justify;

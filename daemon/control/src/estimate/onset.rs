@@ -28,7 +28,7 @@ state! { [] Onset { at, still, moved, beyond, way } fixed { law } }
 
 impl Onset {
     pub(super) const fn new(law: &LawParameters) -> Self {
-        let way = law.onset_cases * TARGET_RMS * TARGET_RMS;
+        let way = law.first_cases * law.onset_farthest * TARGET_RMS * TARGET_RMS;
         Self { law: *law, at: [0.0; 2], still: 0, moved: 0, beyond: way * law.onset_bad, way }
     }
 
@@ -79,8 +79,9 @@ impl Onset {
         let long = px.hypot(py).max(REST);
         let beyond = ((px * (px - x) + py * (py - y)) / long).max(0.0);
         let scale = 1.0 / (ahead * ahead).max(1.0);
-        let beyond = self.beyond * self.law.onset_forgetting + scale * beyond * beyond;
-        let way = self.way * self.law.onset_forgetting + scale * (x * x + y * y);
+        let forgetting = 1.0 - 1.0 / (self.law.memory * self.law.onset_farthest);
+        let beyond = self.beyond * forgetting + scale * beyond * beyond;
+        let way = self.way * forgetting + scale * (x * x + y * y);
         if beyond.is_finite() && way.is_finite() && way > 0.0 {
             (self.beyond, self.way) = (beyond, way);
         }

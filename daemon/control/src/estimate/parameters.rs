@@ -12,6 +12,8 @@ pub struct Number {
     pub name: &'static str,
     /// Its unit; `1` if it has none.
     pub unit: &'static str,
+    /// That of the presets.
+    pub value: f64,
     /// Smallest and largest value that make sense, both included.
     pub range: [f64; 2],
     /// What it measures, and why it has the value of the presets.
@@ -34,16 +36,24 @@ macro_rules! parameters {
             pub const NUMBERS: &[Number] = &[$(Number {
                 name: stringify!($name),
                 unit: $unit,
+                value: $value,
                 range: [$least, $most],
                 about: concat!($($doc),+),
             }),+];
 
-            /// The value with this name, to read or to change.
-            pub fn number(&mut self, name: &str) -> Option<&mut f64> {
-                match name {
-                    $(stringify!($name) => Some(&mut self.$name),)+
-                    _ => None,
-                }
+            /// What is known about the number with this name.
+            #[must_use]
+            pub fn named(name: &str) -> Option<&'static Number> {
+                Self::NUMBERS.iter().find(|number| number.name == name)
+            }
+
+            /// The same law with another value of a number.
+            #[must_use]
+            pub fn with(mut self, number: &Number, value: f64) -> Self {
+                $(if number.name == stringify!($name) {
+                    self.$name = value;
+                })+
+                self
             }
         }
     };
@@ -54,11 +64,12 @@ parameters! {
     /// Displacements, errors and motions beyond this are jumps, which no preview predicts: fifteen ordinary
     /// steps.
     leap = 150.0, "per axis and step", 10.0, 1e4;
-    /// Forgetting factor per judged case of the records and the corrections: about 500 steps of motion.
-    forgetting = 0.998, "1", 0.9, 1.0;
-    /// Leads whose record decides, from the nearest one of the plan: later ones weigh little in a plan that
-    /// is made again in every tick.
-    leads_judged = 2.0, "steps", 1.0, 24.0;
+    /// Cases that the records and the corrections remember: five seconds of motion.
+    memory = 500.0, "cases", 10.0, 1e6;
+    /// Cases of other hands that count at a hand's beginning, forgotten like its own: corrections agreed with
+    /// the error in them, and Hold had the error of ordinary motion. The fewer, the sooner a preview that is
+    /// right is left alone.
+    first_cases = 20.0, "cases", 1.0, 1e4;
 
     // Corrections.
     /// Samples later than this after the newest grid point do not correct the preview, as after a pause.
@@ -66,9 +77,6 @@ parameters! {
     /// The prior of a correction weighs as much as this many cases of ordinary motion, and as many more per
     /// step ahead, because errors far ahead are correlated.
     prior_cases = 40.0, "cases", 0.0, 1e4;
-    /// Weight of the assumption that corrections are right, forgotten like a case: the smaller, the sooner a
-    /// preview that is right is left alone.
-    prior_worth = 20.0, "cases", 0.0, 1e4;
     /// Square of the innovation in ordinary motion: a third of a step.
     ordinary_innovation = 10.0, "per axis, squared", 0.1, 1e3;
     /// Square of the displacement by acceleration in ordinary motion, one step ahead: a fifth of a step.
@@ -83,7 +91,7 @@ parameters! {
     /// tablets.
     filter_coarsest = 3e3, "1/s²", 100.0, 1e5;
     /// The same from each filter to the next: the coarsest tablets and the cleanest differ by a hundred.
-    filter_ratio = 3.162_277_660_168_379_4, "1", 1.1, 10.0;
+    filter_ratio = 3.162, "1", 1.1, 10.0;
     /// Extrapolation by which the filters are judged.
     filter_reach_s = 0.015, "s", 0.002, 0.1;
     /// Weight of a judgement while the pen moves fast: 0 judges nothing, 1 forgets all earlier judgements. At
@@ -106,14 +114,8 @@ parameters! {
     /// A preview is shortened by the amount by which its share is below 1 by more than this many standard
     /// deviations.
     doubt = 3.0, "1", 0.0, 10.0;
-    /// Cases of ordinary motion with which the record begins.
-    head_start_cases = 20.0, "cases", 1.0, 1e3;
-    /// The preview's squared error in them relative to Hold's: a shipped predictor was proven on other hands.
-    head_start_error = 0.7, "1", 0.01, 1.0;
-    /// Bound on what one judged case adds to the evidence Λ.
-    evidence_case = 4.0, "1", 0.1, 20.0;
-    /// Bound on Λ, with which it begins: a shipped predictor was proven on other hands. Trust ends where Λ is
-    /// below minus half of it, and begins again from 0 on.
+    /// Bound on the evidence Λ, with which it begins: a shipped predictor was proven on other hands. A case
+    /// adds at most a fifth of it. Trust ends where Λ is below minus half of it, and begins again from 0 on.
     evidence_most = 20.0, "1", 1.0, 1e3;
 
     // Onset of motion.
@@ -127,12 +129,9 @@ parameters! {
     /// onsets count as predicted badly; 0: never overshoots. UNIPEN's train writers have 0.2 and more at 35
     /// ms, pendigits 0.05, a clean pen 0.01.
     onset_bad = 0.15, "1", 0.001, 10.0;
-    /// Farthest lead judged: beyond it every predictor overshoots.
+    /// Farthest lead judged: beyond it every predictor overshoots. The record of onsets begins with the first
+    /// cases at each of the leads, predicted badly, and remembers as many at each as other records do.
     onset_farthest = 10.0, "steps", 1.0, 24.0;
-    /// Forgetting factor per judged preview: some ten onsets.
-    onset_forgetting = 0.9995, "1", 0.9, 1.0;
-    /// Previews of ordinary steps, all predicted badly, with which the record of onsets begins.
-    onset_cases = 200.0, "cases", 1.0, 1e5;
     /// Saturated share of the arm's motion for the full reduction. A UR5 that writes with UNIPEN's hands is
     /// saturated half of the time, with a clean pen a tenth.
     onset_saturated = 0.3, "1", 0.01, 1.0;
@@ -158,15 +157,18 @@ parameters! {
 
     // Trust.
     /// Share of the recent ticks that wanted to follow and had no plan or no joints for it, at which trust
-    /// ends.
+    /// ends; at a fifth of it trust begins again.
     unplanned_ends = 0.25, "1", 0.01, 1.0;
-    /// The same at which trust begins again.
-    unplanned_begins = 0.05, "1", 0.001, 1.0;
     /// Memory of that share.
     unplanned_s = 0.1, "s", 0.01, 10.0;
-    /// How long refused weights count against the learner, unless valid ones follow: the memory of the
-    /// record.
-    learner_doubt_s = 5.0, "s", 0.1, 100.0;
+}
+
+impl LawParameters {
+    /// λ, the forgetting factor per case of the records and the corrections.
+    #[must_use]
+    pub const fn forgetting(&self) -> f64 {
+        1.0 - 1.0 / self.memory
+    }
 }
 
 impl Default for LawParameters {
@@ -181,16 +183,18 @@ mod tests {
 
     #[test]
     fn every_number_is_found_by_its_name_lies_in_its_range_and_says_what_it_is() {
-        let mut shipped = LawParameters::SHIPPED;
+        let shipped = LawParameters::SHIPPED;
         for number in LawParameters::NUMBERS {
             let [least, most] = number.range;
-            let value = *shipped.number(number.name).expect(number.name);
-            assert!((least..=most).contains(&value), "{}: {value}", number.name);
+            assert!((least..=most).contains(&number.value), "{number:?}");
             assert!(number.about.trim().len() > 20 && !number.unit.is_empty(), "{number:?}");
+            assert_eq!(LawParameters::named(number.name), Some(number));
+            assert_eq!(shipped.with(number, number.value), shipped);
+            assert_ne!(shipped.with(number, 1.1 * number.value), shipped);
         }
         assert_eq!(size_of::<LawParameters>(), 8 * LawParameters::NUMBERS.len());
-        *shipped.number("leap").expect("leap") = 1.0;
-        assert_eq!(shipped, LawParameters { leap: 1.0, ..LawParameters::SHIPPED });
-        assert!(shipped.number("no such").is_none());
+        let leap = LawParameters::named("leap").expect("leap");
+        assert_eq!(shipped.with(leap, 1.0), LawParameters { leap: 1.0, ..shipped });
+        assert_eq!(LawParameters::named("no such"), None);
     }
 }

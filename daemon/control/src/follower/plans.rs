@@ -43,6 +43,6 @@ mod tests {
             plans.stopped
         };
         let (slow, fast) = (after(5_000_000), after(1_000_000));
-        assert!((slow - fast).abs() < 0.02 && (0.3..0.5).contains(&slow), "{slow} {fast}");
+        assert!((slow - fast).abs() < 0.01 && (0.3..0.5).contains(&slow), "{slow} {fast}");
     }
 }

@@ -47,7 +47,7 @@ impl TrustStage {
             request: settings.trust_request,
             plans: PlanRecord::new(period_ns, law),
             learner_doubt_ns: 0,
-            longest_doubt_ns: (law.learner_doubt_s * 1e9) as u64,
+            longest_doubt_ns: (law.memory * settings.pen.step_ns as f64) as u64,
             period_ns,
             per_step: settings.trust.per_step,
         })
@@ -86,7 +86,7 @@ impl TrustStage {
             history: predicted.history,
             pen_age_ns,
             preview_finite: predicted.finite,
-            switching: predicted.switching,
+            switching: predicted.switching || predicted.switched,
             unplanned: self.plans.stopped,
             weights_refused: self.learner_doubt_ns > 0,
             record,

@@ -117,7 +117,7 @@ pub struct TrustInputs {
     pub pen_age_ns: Option<u64>,
     /// The last preview was finite.
     pub preview_finite: bool,
-    /// Another predictor waits for α = 0 to take over.
+    /// Another predictor waits for α = 0 to take over, or just has.
     pub switching: bool,
     /// Share of recent ticks that wanted to follow a plan and had to stop instead, [0, 1]: no plan, or no
     /// joints for it.
@@ -200,9 +200,9 @@ impl TrustControl {
 
     /// Moves α towards what `inputs` justify, `dt_ns` after the last update.
     pub fn update(&mut self, inputs: &TrustInputs, dt_ns: u64) -> TrustReport {
-        let LawParameters { evidence_most, unplanned_ends, unplanned_begins, .. } = self.law;
+        let LawParameters { evidence_most, unplanned_ends, .. } = self.law;
         let least = if self.believed { -0.5 * evidence_most } else { 0.0 };
-        let most = if self.unplanned { unplanned_begins } else { unplanned_ends };
+        let most = if self.unplanned { 0.2 * unplanned_ends } else { unplanned_ends };
         // Both written so that NaN counts against the preview.
         self.believed = inputs.record.evidence >= least;
         self.unplanned = !(inputs.unplanned <= most);

@@ -58,9 +58,9 @@ fn every_number_of_the_corrections_changes_what_is_believed() {
     assert_eq!(usual[0][1], write(&mut Judge::new(STEP_S, true), 40, NOISE_M[0]), "the default");
     for (name, value) in [
         ("leap", 1.0),
-        ("forgetting", 0.9),
+        ("memory", 10.0),
         ("prior_cases", 4.0),
-        ("prior_worth", 500.0),
+        ("first_cases", 500.0),
         ("ordinary_innovation", 1.0),
         ("ordinary_acceleration", 400.0),
         ("largest", 0.1),
@@ -75,7 +75,7 @@ fn every_number_of_the_corrections_changes_what_is_believed() {
         ("filter_acceleration", 0.0),
         ("filter_forget_s", 0.001),
     ] {
-        let changed = written(&|law, _| *law.number(name).unwrap() = value);
+        let changed = written(&|law, _| *law = law.with(LawParameters::named(name).unwrap(), value));
         assert_ne!(changed, usual, "{name} changes nothing");
     }
     let part = CurvePart { amplitude: 0.5, shape: CurveShape::Rising, reach_steps: 4.0 };
@@ -117,7 +117,7 @@ fn no_number_makes_a_tick_panic() {
     const ABSURD: [f64; 7] = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, -1.0, 0.0, 1e-300, 1e300];
     for number in LawParameters::NUMBERS {
         for value in ABSURD {
-            write(&mut tuned(|law, _| *law.number(number.name).unwrap() = value), 120, NOISE_M[1]);
+            write(&mut tuned(|law, _| *law = law.with(number, value)), 120, NOISE_M[1]);
         }
     }
     // A non-finite prior has no effect; no other weight makes a position non-finite.
@@ -139,7 +139,7 @@ fn no_number_makes_a_follower_leave_its_limits() {
     for number in LawParameters::NUMBERS {
         for value in [f64::NAN, f64::INFINITY, -1.0, 0.0, 1e300] {
             let mut wanted = settings(PredictorKind::CONSTANT_VELOCITY);
-            *wanted.law.number(number.name).unwrap() = value;
+            wanted.law = wanted.law.with(number, value);
             // The bench checks every command.
             let mut bench = Bench::armed(wanted);
             for tick in 0..250 {

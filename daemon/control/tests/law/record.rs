@@ -12,7 +12,7 @@ use crate::support::judging::Judge;
 /// Metres per normalised unit: a step of ordinary motion, 1 mm, is 10.
 const UNIT_M: f64 = 1e-4;
 const STEP_S: f64 = 0.01;
-const FORGETTING: f64 = LawParameters::SHIPPED.forgetting;
+const FORGETTING: f64 = LawParameters::SHIPPED.forgetting();
 
 /// Pen positions of a hand whose velocity wanders, a grid step apart \[m\].
 fn wandering(seed: u64, steps: usize) -> Vec<[f64; 2]> {
@@ -189,7 +189,8 @@ fn what_the_last_sample_of_a_step_teaches_helps_in_every_part_of_it() {
     }
     let left: Vec<_> = raw.iter().zip(believed).map(|(raw, believed)| believed / raw).collect();
     println!("squared error left at {phases:?}: {left:.3?}");
-    // Just after a grid point the innovation, of a tenth of a step, is ten times as small for the same cause.
+    // Learned from the last sample of a step: one regression a lead has no weights of its own for the first
+    // tenth, where the innovation is ten times as small for the same cause.
     assert!(left.iter().zip([0.5, 0.25, 0.25, 0.25]).all(|(left, most)| *left < most), "{left:?}");
 }
 

@@ -28,7 +28,7 @@ fn missed(case: &Case, by: [f64; 2], share: f64) -> f64 {
 /// w of the module's description, the newest case last: the slope of the regression plus three standard
 /// deviations; errors `lead` steps ahead are correlated over that many steps.
 fn share(cases: &[Case], lead: usize, parameters: &LawParameters) -> f64 {
-    let age = |i: usize| parameters.forgetting.powi((cases.len() - 1 - i) as i32);
+    let age = |i: usize| parameters.forgetting().powi((cases.len() - 1 - i) as i32);
     let sum = |of: &dyn Fn(&Case) -> f64| cases.iter().enumerate().map(|(i, c)| age(i) * of(c)).sum::<f64>();
     let way = sum(&|c| dot(c.predicted, c.predicted));
     if way == 0.0 {
@@ -42,15 +42,15 @@ fn share(cases: &[Case], lead: usize, parameters: &LawParameters) -> f64 {
 
 /// Λ of the module's description: each case against the variance of Hold's error in the cases before it.
 fn evidence(cases: &[Case], lead: usize, parameters: &LawParameters) -> f64 {
-    let ordinary = parameters.head_start_cases;
+    let ordinary = parameters.first_cases;
     let (mut held, mut weight, mut evidence) =
         (ordinary * (TARGET_RMS * lead as f64).powi(2), ordinary, 20.0);
     for case in cases {
         let hold = missed(case, [0.0; 2], 1.0);
         let gain = (hold - missed(case, case.predicted, case.believed)) / (2.0 * held / weight);
         evidence = (evidence + f64::clamp(gain, -4.0, 4.0)).clamp(-20.0, 20.0);
-        held = parameters.forgetting * held + hold;
-        weight = parameters.forgetting * weight + 1.0;
+        held = parameters.forgetting() * held + hold;
+        weight = parameters.forgetting() * weight + 1.0;
     }
     evidence
 }
@@ -100,14 +100,14 @@ fn shares_and_records_are_those_of_all_cases() {
                 judge.share(lead)
             );
             partly += u32::from(expected > 0.01 && expected < 0.99);
-            // The record begins with cases of ordinary motion, in which the preview was better than Hold.
-            let ordinary = parameters.head_start_cases * (TARGET_RMS * lead as f64).powi(2);
+            // The record begins with cases of ordinary motion, in which the preview was as good as Hold.
+            let ordinary = parameters.first_cases * (TARGET_RMS * lead as f64).powi(2);
             let sum = |begin: f64, of: &dyn Fn(&Case) -> f64| {
-                cases.iter().fold(begin, |sum, case| parameters.forgetting * sum + of(case))
+                cases.iter().fold(begin, |sum, case| parameters.forgetting() * sum + of(case))
             };
             let record = judge.record(lead, lead);
             for (found, expected) in [
-                (record.preview, sum(0.7 * ordinary, &|c| missed(c, c.predicted, c.believed))),
+                (record.preview, sum(ordinary, &|c| missed(c, c.predicted, c.believed))),
                 (record.hold, sum(ordinary, &|c| missed(c, [0.0; 2], 1.0))),
             ] {
                 assert!(

@@ -26,23 +26,22 @@ pub(super) struct LeadRecord {
 state! { [] LeadRecord { preview, hold, cases, evidence } }
 
 impl LeadRecord {
-    /// Before the first case: a few cases of ordinary motion, `ahead` steps long, in which the preview was
-    /// better than Hold.
+    /// Before the first case: the first cases of ordinary motion, `ahead` steps long, in which the preview
+    /// was as good as Hold.
     pub(super) fn untried(ahead: f64, law: &LawParameters) -> Self {
         let way = TARGET_RMS * ahead;
-        let hold = law.head_start_cases * way * way;
-        let preview = law.head_start_error * hold;
-        Self { preview, hold, cases: law.head_start_cases, evidence: law.evidence_most }
+        let hold = law.first_cases * way * way;
+        Self { preview: hold, hold, cases: law.first_cases, evidence: law.evidence_most }
     }
 
     /// Adds a judged case: to the sums, and to Λ what it says for the preview against feedback, both normal
     /// about the pen with the variance that feedback had.
     pub(super) fn add(&mut self, case: &Errors, law: &LawParameters) {
-        let LawParameters { forgetting, evidence_case, evidence_most, .. } = *law;
+        let (forgetting, evidence_most) = (law.forgetting(), law.evidence_most);
         let variance = self.hold / self.cases.max(1.0);
         let gain = (case.hold - case.preview) / (2.0 * variance);
         // Where neither has an error there is nothing to tell them apart by.
-        let gain = if gain.is_nan() { 0.0 } else { within(gain, evidence_case) };
+        let gain = if gain.is_nan() { 0.0 } else { within(gain, 0.2 * evidence_most) };
         self.evidence = within(self.evidence + gain, evidence_most);
         self.preview = forgetting * self.preview + case.preview;
         self.hold = forgetting * self.hold + case.hold;

@@ -222,7 +222,7 @@ impl PreviewRecord {
             refiner.learn(age, terms, [rx, ry], ahead);
         }
         if let Some(slope) = self.slopes.get_mut(age) {
-            slope.add([yx, yy], [dx, dy], self.law.forgetting);
+            slope.add([yx, yy], [dx, dy], self.law.forgetting());
         }
         Some(Errors {
             preview: square(yx - share * dx, yy - share * dy),

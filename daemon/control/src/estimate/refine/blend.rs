@@ -70,8 +70,8 @@ impl Blend {
         }
         // Counts cases, not squares: a correction of a micrometre must prove itself like one of a millimetre.
         let past = self.cases * self.paid / self.asked;
-        // Forgotten like any case: (1 − λ) · cases is 1 − λⁿ after n of them.
-        let prior = law.prior_worth * (1.0 - (1.0 - law.forgetting) * self.cases);
+        // Forgotten like any case: cases / memory is 1 − λⁿ after n of them.
+        let prior = law.first_cases * (1.0 - self.cases / law.memory);
         ((past + prior) / (self.cases + prior)).clamp(0.0, 1.0)
     }
 
@@ -87,7 +87,7 @@ impl Blend {
 
     /// One case: the preview's `error`, `ahead` steps after the sample. All in normalised units.
     pub(super) fn learn(&mut self, terms: &BlendTerms, error: [f64; 2], ahead: f64, law: &LawParameters) {
-        let LawParameters { forgetting, largest, shortest, .. } = *law;
+        let (forgetting, LawParameters { largest, shortest, .. }) = (law.forgetting(), *law);
         let ([sx, sy], [rx, ry]) = (self.predicted_error(terms), error);
         self.paid = forgetting * self.paid + sx * rx + sy * ry;
         self.asked = forgetting * self.asked + sx * sx + sy * sy;
@@ -183,7 +183,7 @@ mod tests {
         for _ in 0..700 {
             let (terms, error) = case(&mut rng, ahead, [-0.7, 2.0, 0.3, 0.5], 3.0);
             blend.learn(&terms, error, ahead, LAW);
-            (squares, cross) = (squares * LAW.forgetting, cross * LAW.forgetting);
+            (squares, cross) = (squares * LAW.forgetting(), cross * LAW.forgetting());
             for axis in 0..2 {
                 let x = Vector4::from(terms.map(|term| term[axis]));
                 squares += x * x.transpose() * scale;
