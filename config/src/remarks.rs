@@ -25,7 +25,19 @@ pub(crate) fn remarks(config: &Config) -> Vec<String> {
 
 pub(crate) fn notes(config: &Config) -> Vec<String> {
     let law = config.follower_settings();
-    lowered(config.settings(), &law).into_iter().chain(torque(config, false)).collect()
+    lowered(config.settings(), &law).into_iter().chain(turned(config)).chain(torque(config, false)).collect()
+}
+
+/// Tells of the two base frames of ROS's descriptions of arms of Universal Robots.
+fn turned(config: &Config) -> Option<String> {
+    let turned = config.robot().turned_base().filter(|_| !config.settings().robot.ur.base_turned)?;
+    let (base, _) = config.robot().chain.ends();
+    Some(format!(
+        "the frames of the links `{base}` (the base link here) and `{turned}` of the URDF are turned by 180 degrees \
+         about z against each other; [plane] and [clearance] are read in that of `{base}`. For `foretrace arm \
+         ur`: the pendant of a Universal Robots arm shows coordinates in that of `{turned}`; write base_turned = true \
+         under [robot.ur], or base_link = \"{turned}\" under [robot] and coordinates as the pendant shows them"
+    ))
 }
 
 /// Reports limits of the joints that their effort does not leave at some poses of the plane. A description

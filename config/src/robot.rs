@@ -17,6 +17,12 @@ use crate::presets;
 use crate::settings::{PlaneSection, RobotSection, Settings};
 use crate::written::SettingOrigin;
 
+/// A home that is outside the joint limits by this much or less was written with few digits.
+const HOME_ROUNDING_RAD: f64 = 1e-3;
+
+/// Frames that differ by no more than the digits of a half turn \[rad, m\].
+const SAME_FRAME: f64 = 1e-3;
+
 /// Joints that the wire carries.
 pub const JOINTS: usize = 6;
 
@@ -31,6 +37,19 @@ pub struct Robot {
     pub home: [f64; JOINTS],
     /// What it keeps away from.
     pub clearance: Option<ClearanceSettings>,
+}
+
+impl Robot {
+    /// A link that does not move against the base link and is turned by 180 degrees about z against it, at the
+    /// same place: in ROS's descriptions of arms of Universal Robots the frame that their controller uses.
+    #[must_use]
+    pub fn turned_base(&self) -> Option<&str> {
+        let half_turn = Matrix3::from_diagonal(&Vector3::new(-1.0, -1.0, 1.0));
+        let turned = self.chain.still_links().iter().find(|link| {
+            (link.rotation - half_turn).norm() < SAME_FRAME && link.translation.norm() < SAME_FRAME
+        });
+        turned.map(|link| link.name.as_str())
+    }
 }
 
 impl PlaneSection {
@@ -54,9 +73,12 @@ pub(crate) fn robot(settings: &Settings, report: &mut Findings<'_>) -> Option<Ro
         f64::from(settings.control_loop.valid_periods) / f64::from(settings.control_loop.rate_hz.max(1));
     let limits = limits(section, &chain, hold_s, report);
     let home = per_joint("robot.home_rad", &section.home_rad, &chain, report);
-    let (limits, home) = (limits?, home?);
-    for ((name, q), [low, high]) in chain.limits().names.iter().zip(&home).zip(limits.position()) {
-        if !(*low..=*high).contains(q) {
+    let (limits, mut home) = (limits?, home?);
+    for ((name, q), [low, high]) in chain.limits().names.iter().zip(&mut home).zip(limits.position()) {
+        let inside = q.max(*low).min(*high);
+        if (*q - inside).abs() <= HOME_ROUNDING_RAD {
+            *q = inside;
+        } else {
             report.conflict(
                 "robot.home_rad",
                 format!("puts joint `{name}` at {q} rad, outside its limits {low:.4} to {high:.4} rad"),
@@ -130,7 +152,7 @@ fn chain(section: &RobotSection, report: &mut Findings<'_>) -> Option<Chain<JOIN
                     "name a robot.tip_link before the gripper, if joints of that are counted; \
                      why six, and what seven would take: docs/extend/arm.md"
                 }
-                ChainError::Xacro => "name the expanded file",
+                ChainError::Xacro { .. } => "name the expanded file",
                 _ => "correct the description, or robot.base_link and robot.tip_link",
             };
             report.conflict("robot.urdf", format!("cannot be used: {error}"), remedy);
@@ -278,7 +300,8 @@ fn reach(
         let mut seed = over;
         for z in [plane.lift_height_m, 0.0, z_range[1], z_range[0]] {
             let corner = [x, y, z];
-            match at(&seed, corner).map(|q| (outside(&q), q)) {
+            let found = [&seed, &over, home].into_iter().find_map(|start| at(start, corner));
+            match found.map(|q| (outside(&q), q)) {
                 Some((None, q)) => seed = q,
                 Some((Some(joint), _)) => {
                     out.push(format!("{} needs {joint}", named(corner, &origin, &rotation)))

@@ -11,6 +11,7 @@ mod wrong;
 mod arm;
 mod headroom;
 mod law;
+mod others;
 mod hostile;
 
 /// A file that starts from the UR5 preset and adds `text`.

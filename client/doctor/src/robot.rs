@@ -61,7 +61,7 @@ pub fn examine_robot(
     if interrupted() {
         return Err(Failure::interrupted("interrupted", ""));
     }
-    let findings = examine::judge(&facts, config.settings(), config.robot().limits.position());
+    let findings = examine::judge(&facts, config);
     let checks: Vec<CheckResult> = findings.into_iter().map(CheckResult::from).collect();
     Ok(RobotReport {
         verdict: verdict(&checks),

@@ -57,7 +57,8 @@ section! {
         /// (`ik.tilt_weight`), and it tilts about this point.
         tool_m: [f64; 3] = Between(-0.5, 0.5), Default("[0.0, 0.0, 0.0]"), AtStart,
             "[0.0, 0.0, length] for a pen of that length below the flange";
-        /// Posture from which the plane is reached without passing a singularity.
+        /// Posture from which the plane is reached without passing a singularity. Outside the joint limits by
+        /// 1e-3 rad or less, as rounded digits are, it is taken as the limit; by more it is refused.
         home_rad: Vec<f64> = Between(-6.3, 6.3), Required, AtStart,
             "the posture with the tool above the middle of the paper";
         /// Largest speed per joint; the smaller of this and the URDF's holds.

@@ -31,6 +31,10 @@ section! {
         /// Tool centre point as the installation has to have it, seen from the flange; the bridge refuses
         /// another by more than a millimetre. Not set: `robot.tool_m`.
         tcp_m: Option<[f64; 3]> = Between(-0.5, 0.5), Optional, AtStart, "nothing: leave it out";
+        /// `[plane]` and `[clearance]` are written in a base frame that is turned by 180 degrees about z
+        /// against the controller's, whose coordinates the pendant shows: true for ROS's descriptions with
+        /// their `base_link`. The bridge refuses a model that is turned otherwise than is said here.
+        base_turned: bool = Flag, Default("false"), AtStart, "false; what the bridge says";
         /// Nearest to the paper that the pen comes while the model of the arm is not its factory calibration
         /// (`foretrace calibrate kinematics`) and may be off by more than half a millimetre. By as much as it
         /// is off the pen stays higher.

@@ -74,6 +74,9 @@ pub(super) fn run(args: &KinematicsArgs) -> Result<(), Failure> {
         say!("\nwritten to {}; put into the settings, beside your own values:\n", out.display());
         say!("[robot]\nurdf = {:?}  # relative to the settings file", out.display().to_string());
         say!("base_link = \"base_link\"\ntip_link = \"tool0\"\ntool_m = {tool:?}");
+        if config.settings().robot.ur.base_turned {
+            say!("[robot.ur]\nbase_turned = false  # the file has the controller's own base frame");
+        }
         say!("\nThen calibrate [plane] again: it was measured with the other model.");
     } else {
         say!("\nwith --out FILE they are written as a URDF for the settings");

@@ -1,5 +1,6 @@
 //! Tests of recordings and data sets, one file per subject. One binary, so that shared code is compiled once.
 
+mod arms_of_others;
 mod data_sets;
 mod forged;
 #[path = "../../../../tests/src/forged.rs"]

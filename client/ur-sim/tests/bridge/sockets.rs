@@ -3,15 +3,19 @@
 //! Contract: a busy machine may hold anybody up, so nothing here says how soon; what is asserted is that the
 //! arm stops, how hard, and what it takes to go on.
 
+use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use foretrace_client::wire::command_flags;
 use foretrace_client::{JOINTS, JointCommand, Mode, monotonic_now_ns};
-use foretrace_config::Config;
+use foretrace_config::files::Files;
+use foretrace_config::{Config, Draft, presets};
 
 use foretrace_ur::bridge::address::Addresses;
 use foretrace_ur::bridge::link::Link;
 use foretrace_ur::bridge::pilot::Pilot;
+use foretrace_ur::bridge::probe::inspect;
 use foretrace_ur::bridge::program::BridgeProgram;
 use foretrace_ur::bridge::reaction::Phase;
 use foretrace_ur::bridge::reason::HaltReason;
@@ -248,4 +252,38 @@ fn local_control_and_a_service_that_is_off_are_told_apart() {
     scene.until(|scene| scene.reason() == Some(HaltReason::ServiceOff));
     scene.controller.obey("service rtde on");
     scene.ready();
+}
+
+/// The embedded UR5 behind ROS's `base_link`, which is turned by half a turn against the controller's frame.
+fn behind_ros_base_link(more: &str) -> Config {
+    let turned = "<link name=\"base_link\"/><joint name=\"turn\" type=\"fixed\"><parent link=\"base_link\"/><child \
+                  link=\"base\"/><origin rpy=\"0 0 3.141592653589793\"/></joint></robot>";
+    let urdf =
+        presets::robot("ur5").unwrap().replace("\"base_link\"", "\"base\"").replace("</robot>", turned);
+    let text = format!(
+        "preset = \"ur5\"\n[robot]\nurdf = \"arm.urdf\"\ntool_m = [0.0, 0.0, 0.15]\nhome_rad = [0.0, -1.3, 1.8, -2.0708, \
+         -1.5708, 0.0]\n{more}"
+    );
+    let files = Files::Only(Arc::new([(PathBuf::from("/arm/arm.urdf"), urdf.into_bytes())].into()));
+    Draft::text(&text, "t.toml", "/arm").files(files).finish().unwrap()
+}
+
+#[test]
+fn a_base_frame_that_is_turned_is_refused_with_what_to_write_and_then_taken() {
+    let options = ControllerOptions { ephemeral_ports: true, ..ControllerOptions::new(Series::Cb3) };
+    let controller = Controller::start(options).unwrap();
+    let at = |service: Service| controller.address(service).unwrap();
+    let addresses = Addresses {
+        rtde: at(Service::Rtde),
+        primary: at(Service::Primary),
+        dashboard: at(Service::Dashboard),
+    };
+    let (reason, words) = inspect(&addresses, &behind_ros_base_link("")).unwrap_err();
+    assert_eq!(reason, HaltReason::DoesNotFit);
+    assert!(words.contains("turned by 180 degrees about z") && !words.contains("another model"), "{words}");
+    assert!(words.contains("`base_turned = true` under [robot.ur]"), "{words}");
+    assert!(words.contains("`base_link = \"base\"` under [robot]"), "{words}");
+    // No more than a calibrated arm is asked for.
+    let taken = inspect(&addresses, &behind_ros_base_link("[robot.ur]\nbase_turned = true\n"));
+    assert_eq!(taken, Ok(None));
 }

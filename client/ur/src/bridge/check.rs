@@ -5,7 +5,7 @@
 use std::net::IpAddr;
 
 use foretrace_client::JOINTS;
-use foretrace_config::Settings;
+use foretrace_config::{Config, Settings};
 
 use super::kinematics::Deviation;
 
@@ -97,6 +97,28 @@ pub enum CheckRefusal {
          dead-man at hand, or say --without-dead-man"
     )]
     NoDeadMan(IpAddr),
+    /// The model's base frame is that of ROS's descriptions, and the settings do not say so.
+    #[error(
+        "the base frame of the settings' model, link `{base}`, is turned by 180 degrees about z against the \
+         controller's, as ROS's descriptions have it: if [plane] and [clearance] are written in that frame, \
+         write `base_turned = true` under [robot.ur]{instead}"
+    )]
+    BaseTurned {
+        /// Base link of the settings' model.
+        base: String,
+        /// What to write where they are written in the controller's frame, for the message.
+        instead: String,
+    },
+    /// The settings say that the base frame is turned, and it is not.
+    #[error(
+        "the base frame of the settings' model, link `{base}`, is the controller's own, not turned by 180 \
+         degrees about z: write `base_turned = false` under [robot.ur], and [plane] and [clearance] as the \
+         pendant shows them"
+    )]
+    BaseNotTurned {
+        /// Base link of the settings' model.
+        base: String,
+    },
     /// The model is of another arm.
     #[error(
         "the arm's kinematics differ from the settings' model by {apart_mm:.0} mm at the tool: \
@@ -188,19 +210,26 @@ pub fn installation(
     refused
 }
 
-/// The model is of this arm; `name` is what its own measures say it is.
+/// The model of `config` is of this arm; `name` is what its own measures say it is.
 ///
 /// # Errors
 ///
-/// [`CheckRefusal::Model`].
-pub fn model(deviation: Option<&Deviation>, name: Option<&str>) -> Result<(), CheckRefusal> {
-    match deviation {
-        Some(off) if !(off.most_mm <= ANOTHER_ARM_MM) => Err(CheckRefusal::Model {
-            apart_mm: off.most_mm,
-            name: name.unwrap_or("one that foretrace does not know").to_owned(),
-        }),
-        _ => Ok(()),
+/// [`CheckRefusal::Model`], [`CheckRefusal::BaseTurned`], [`CheckRefusal::BaseNotTurned`].
+pub fn model(deviation: Option<&Deviation>, name: Option<&str>, config: &Config) -> Result<(), CheckRefusal> {
+    let Some(off) = deviation.filter(|off| !(off.most_mm <= ANOTHER_ARM_MM)) else { return Ok(()) };
+    if !(off.turned_mm <= ANOTHER_ARM_MM) {
+        let name = name.unwrap_or("one that foretrace does not know").to_owned();
+        return Err(CheckRefusal::Model { apart_mm: off.most_mm, name });
     }
+    let base = config.robot().chain.ends().0.to_owned();
+    if config.settings().robot.ur.base_turned {
+        return Err(CheckRefusal::BaseNotTurned { base });
+    }
+    let instead = config.robot().turned_base().map_or_else(
+        || "; the description has no link in the controller's frame, so they cannot be as the pendant shows them".to_owned(),
+        |link| format!("; if they are as the pendant shows them, write `base_link = \"{link}\"` under [robot]"),
+    );
+    Err(CheckRefusal::BaseTurned { base, instead })
 }
 
 /// The rate of the settings is the controller's.
@@ -286,11 +315,13 @@ mod tests {
 
     #[test]
     fn a_model_of_another_arm_is_refused() {
-        let off = |most_mm| Deviation { most_mm, uneven_mm: 0.0, height_mm: 0.0 };
-        assert_eq!(model(Some(&off(29.0)), Some("a UR5")), Ok(()));
-        assert_eq!(model(None, None), Ok(()));
+        let off = |most_mm| Deviation { most_mm, uneven_mm: 0.0, height_mm: 0.0, turned_mm: 900.0 };
+        let config = Config::preset("ur5").unwrap();
+        let judged = |off: Option<&Deviation>, name| model(off, name, &config);
+        assert_eq!(judged(Some(&off(29.0)), Some("a UR5")), Ok(()));
+        assert_eq!(judged(None, None), Ok(()));
         for most_mm in [31.0, f64::NAN] {
-            assert!(model(Some(&off(most_mm)), Some("a UR10")).unwrap_err().to_string().contains("a UR10"));
+            assert!(judged(Some(&off(most_mm)), Some("a UR10")).unwrap_err().to_string().contains("a UR10"));
         }
     }
 

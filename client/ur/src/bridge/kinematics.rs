@@ -160,10 +160,13 @@ pub struct Deviation {
     pub uneven_mm: f64,
     /// The same along the plane's normal: how much the pen presses or floats \[mm\].
     pub height_mm: f64,
+    /// Farthest, if the model's base frame were turned by 180 degrees about z \[mm\].
+    pub turned_mm: f64,
 }
 
 /// How far the tip of an arm with kinematics `dh` is from where the model of `config` believes it, over the
-/// writing plane, from corner to corner; `None` where the model reaches no point of the paper.
+/// writing plane, from corner to corner; `None` where the model reaches no point of the paper. The
+/// controller's base frame is the model's, or turned as `robot.ur.base_turned` says.
 #[must_use]
 pub fn deviation(dh: &DhParameters, config: &Config) -> Option<Deviation> {
     let (robot, settings) = (config.robot(), config.settings());
@@ -171,7 +174,7 @@ pub fn deviation(dh: &DhParameters, config: &Config) -> Option<Deviation> {
     let (origin, normal) = (Vector3::from(settings.plane.origin_m), rotation * Vector3::z());
     let tool = Vector3::from(settings.robot.tool_m);
     let [[x_min, x_max], [y_min, y_max], _] = settings.plane.workspace_m;
-    let mut off = Vec::new();
+    let (mut off, mut turned) = (Vec::new(), Vec::new());
     for i in 0..5 {
         for j in 0..5 {
             let (u, v) = (f64::from(i) / 4.0, f64::from(j) / 4.0);
@@ -180,7 +183,10 @@ pub fn deviation(dh: &DhParameters, config: &Config) -> Option<Deviation> {
             let Some(q) = solve_pose(&robot.chain, &robot.home, &target) else { continue };
             let flange = dh.flange(&q);
             let tip = flange.translation.vector + flange.rotation * tool;
-            off.push(tip - robot.chain.forward(&q).position);
+            let believed = robot.chain.forward(&q).position;
+            let (straight, half_turn) = (tip - believed, half_turned(&tip) - believed);
+            off.push(if settings.robot.ur.base_turned { half_turn } else { straight });
+            turned.push(if settings.robot.ur.base_turned { straight } else { half_turn });
         }
     }
     let count = off.len();
@@ -189,11 +195,18 @@ pub fn deviation(dh: &DhParameters, config: &Config) -> Option<Deviation> {
     }
     let mean = off.iter().sum::<Vector3<f64>>() / count as f64;
     let most = |size: &dyn Fn(&Vector3<f64>) -> f64| 1e3 * off.iter().map(size).fold(0.0, f64::max);
+    let turned_mm = 1e3 * turned.iter().map(|off| off.norm()).fold(0.0, f64::max);
     Some(Deviation {
         most_mm: most(&|off| off.norm()),
         uneven_mm: most(&|off| (off - mean).norm()),
         height_mm: most(&|off| normal.dot(&(off - mean)).abs()),
+        turned_mm,
     })
+}
+
+/// Turned by 180 degrees about z.
+fn half_turned(point: &Vector3<f64>) -> Vector3<f64> {
+    Vector3::new(-point.x, -point.y, point.z)
 }
 
 #[cfg(test)]

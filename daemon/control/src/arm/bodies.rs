@@ -6,9 +6,11 @@
 //! a mesh: links with meshes are named instead.
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
-use urdf_rs::{Geometry, Joint, JointType, Robot};
+use urdf_rs::{Geometry, Joint, JointType};
 
-use crate::arm::urdf::{ChainError, origin};
+use crate::arm::chain_error::ChainError;
+use crate::arm::description::Description;
+use crate::arm::urdf::origin;
 use crate::geometry::Segment;
 
 /// All points within `radius` of a segment that is fixed to a link.
@@ -42,8 +44,8 @@ pub(super) struct LinkPose<'a> {
 }
 
 impl LinkPose<'_> {
-    fn beyond<'a>(&self, joint: &'a Joint) -> Result<LinkPose<'a>, ChainError> {
-        let (r, t) = origin(joint)?;
+    fn beyond<'a>(&self, description: &Description, joint: &'a Joint) -> Result<LinkPose<'a>, ChainError> {
+        let (r, t) = origin(description, joint)?;
         let (rotation, translation) = (self.rotation * r, self.translation + self.rotation * t);
         Ok(LinkPose { name: &joint.child.link, link: self.link, rotation, translation })
     }
@@ -51,7 +53,7 @@ impl LinkPose<'_> {
 
 /// All links on `path` (base to tip) and those fixed to them.
 pub(super) fn poses<'a>(
-    robot: &'a Robot,
+    description: &'a Description,
     base: &'a str,
     path: &[&'a Joint],
 ) -> Result<Vec<LinkPose<'a>>, ChainError> {
@@ -59,7 +61,7 @@ pub(super) fn poses<'a>(
     let mut poses = vec![LinkPose { name: base, link: 0, rotation, translation }];
     for joint in path {
         let Some(last) = poses.last() else { break };
-        let mut next = last.beyond(joint)?;
+        let mut next = last.beyond(description, joint)?;
         if joint.joint_type != JointType::Fixed {
             (next.rotation, next.translation) = (Matrix3::identity(), Vector3::zeros());
             next.link += 1;
@@ -68,12 +70,12 @@ pub(super) fn poses<'a>(
     }
     let mut done = 0;
     while let Some(pose) = poses.get(done) {
-        let fixed = robot.joints.iter().filter(|joint| {
+        let fixed = description.robot.joints.iter().filter(|joint| {
             joint.parent.link == pose.name
                 && joint.joint_type == JointType::Fixed
                 && !poses.iter().any(|known| known.name == joint.child.link)
         });
-        let branches: Result<Vec<_>, _> = fixed.map(|joint| pose.beyond(joint)).collect();
+        let branches: Result<Vec<_>, _> = fixed.map(|joint| pose.beyond(description, joint)).collect();
         poses.extend(branches?);
         done += 1;
     }
@@ -81,16 +83,16 @@ pub(super) fn poses<'a>(
 }
 
 /// The capsules of these links.
-pub(super) fn bodies(robot: &Robot, poses: &[LinkPose<'_>]) -> Result<Bodies, ChainError> {
+pub(super) fn bodies(description: &Description, poses: &[LinkPose<'_>]) -> Result<Bodies, ChainError> {
     let mut found = Bodies::default();
     for pose in poses {
-        shapes(robot, pose, &mut found)?;
+        shapes(description, pose, &mut found)?;
     }
     Ok(found)
 }
 
-fn shapes(robot: &Robot, pose: &LinkPose<'_>, found: &mut Bodies) -> Result<(), ChainError> {
-    let Some(link) = robot.links.iter().find(|link| link.name == pose.name) else { return Ok(()) };
+fn shapes(description: &Description, pose: &LinkPose<'_>, found: &mut Bodies) -> Result<(), ChainError> {
+    let Some(link) = description.link(pose.name)? else { return Ok(()) };
     let before = found.capsules.len();
     for collision in &link.collision {
         let [roll, pitch, yaw] = collision.origin.rpy.0;
@@ -102,7 +104,7 @@ fn shapes(robot: &Robot, pose: &LinkPose<'_>, found: &mut Bodies) -> Result<(), 
         let segment = Segment { from: centre - half, to: centre + half };
         let finite = segment.from.iter().chain(&segment.to).all(|x| x.is_finite());
         if !(finite && radius.is_finite() && radius > 0.0) {
-            return Err(ChainError::Shape { link: pose.name.to_owned() });
+            return Err(ChainError::Shape { link: description.link_part(pose.name) });
         }
         found.capsules.push(Capsule { name: pose.name.to_owned(), link: pose.link, segment, radius });
     }

@@ -11,10 +11,10 @@ use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, Unit, Vector3, Vector6};
 
 use crate::arm::Capsule;
 use crate::arm::bodies::Bodies;
+use crate::arm::chain_error::ChainError;
 use crate::arm::dynamics::{Dynamics, DynamicsError, Inertia, Payload};
 use crate::arm::sincos::sin_cos;
-use crate::arm::urdf;
-use crate::arm::urdf::ChainError;
+use crate::arm::urdf::{self, StillLink};
 use crate::geometry::Segment;
 
 /// The fixed geometry of an arm with J revolute or continuous joints, base to tip.
@@ -28,6 +28,7 @@ pub struct Chain<const J: usize> {
     limits: ChainLimits<J>,
     bodies: Bodies,
     inertias: Result<[Inertia; J], DynamicsError>,
+    still: Vec<StillLink>,
     base: String,
     tip: String,
 }
@@ -138,6 +139,7 @@ impl<const J: usize> Chain<J> {
             limits,
             bodies,
             inertias: unweighed.map_or(Ok(masses), Err),
+            still: found.still,
             base: found.base,
             tip: found.tip,
         })
@@ -161,6 +163,13 @@ impl<const J: usize> Chain<J> {
     #[must_use]
     pub fn ends(&self) -> (&str, &str) {
         (&self.base, &self.tip)
+    }
+
+    /// The base link and those between it and the first moving joint, in the order of the chain: any of them
+    /// can be the base.
+    #[must_use]
+    pub fn still_links(&self) -> &[StillLink] {
+        &self.still
     }
 
     /// Shapes of the links, base first, each in the frame of its joint, whose z is the joint's axis (see

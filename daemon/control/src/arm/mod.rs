@@ -4,8 +4,10 @@
 
 mod band;
 pub(crate) mod bodies;
-pub(crate) mod bounds;
 pub mod chain;
+pub(crate) mod chain_error;
+mod description;
+pub(crate) mod document;
 pub mod dynamics;
 pub mod lag;
 pub mod limits;
@@ -17,8 +19,9 @@ mod track;
 pub(crate) mod urdf;
 
 pub use bodies::Capsule;
-pub use bounds::LONGEST_BYTES;
 pub use chain::{Chain, ChainLimits, Kinematics, ToolMotion};
+pub use chain_error::{ChainError, Part};
+pub use document::LONGEST_BYTES;
 pub use dynamics::{Dynamics, DynamicsError, Payload};
 pub use limits::{JointLimits, JointMotion, LimitError, VelocityBox, velocity_box};
-pub use urdf::{ChainError, description};
+pub use urdf::{StillLink, description};

@@ -67,7 +67,7 @@ fn meshes_are_named_and_bad_shapes_refused() {
     for bad in ["0", "-0.1"] {
         let text = reshaped("wrist_3", |_| format!(r#"<sphere radius="{bad}"/>"#));
         let error = Chain::<6>::from_urdf(&text, None, None).unwrap_err();
-        assert_eq!(error, ChainError::Shape { link: "wrist_3".to_owned() });
+        assert!(matches!(&error, ChainError::Shape { link } if link.name == "wrist_3"), "{error}");
     }
     let bare = UR5.replace("<collision>", "<visual>").replace("</collision>", "</visual>");
     let bare = Chain::<6>::from_urdf(&bare, None, None).unwrap();

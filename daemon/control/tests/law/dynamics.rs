@@ -144,7 +144,7 @@ fn a_description_without_masses_or_with_impossible_ones_names_what_is_wrong() {
         ("ixx=\"0.00256\"", "ixx=\"-0.1\"", "principal moment"),
     ] {
         let error = arm(&UR5E.replacen(from, to, 1)).dynamics(&Payload::NONE).unwrap_err();
-        let named = matches!(&error, DynamicsError::Inertial { link, .. } if link == "wrist_1");
+        let named = matches!(&error, DynamicsError::Inertial { link, .. } if link.name == "wrist_1");
         assert!(named && error.to_string().contains(what), "{error}");
     }
     for payload in [

@@ -1,7 +1,7 @@
 //! What each fact means, and what to do about it.
 
 use foretrace_client::JOINTS;
-use foretrace_config::Settings;
+use foretrace_config::{Config, Settings};
 
 use super::super::check::{self, Series};
 use super::{Facts, Finding, Grade, Modes, Port, RegisterFact, Timing};
@@ -9,7 +9,8 @@ use super::{Facts, Finding, Grade, Modes, Port, RegisterFact, Timing};
 const SERVICES: &str = "on the pendant: Settings, Security, Services";
 const INBOUND: &str = "Settings, Security, General: inbound access";
 
-pub(super) fn all(facts: &Facts, settings: &Settings, position: &[[f64; 2]; JOINTS]) -> Vec<Finding> {
+pub(super) fn all(facts: &Facts, config: &Config) -> Vec<Finding> {
+    let (settings, position) = (config.settings(), config.robot().limits.position());
     let mut found = vec![
         port("rtde (30004)", &facts.rtde, "RTDE", Grade::Bad),
         port("primary (30001)", &facts.primary, "Primary Client Interface", Grade::Bad),
@@ -26,7 +27,7 @@ pub(super) fn all(facts: &Facts, settings: &Settings, position: &[[f64; 2]; JOIN
         registers(facts, settings),
         line(facts.timing.as_ref()),
         round_trip(facts.timing.as_ref()),
-        calibration(facts),
+        calibration(facts, config),
         dead_man(facts, settings),
     ]);
     found
@@ -300,12 +301,15 @@ fn round_trip(timing: Option<&Timing>) -> Finding {
     good(NAME, value)
 }
 
-fn calibration(facts: &Facts) -> Finding {
+fn calibration(facts: &Facts, config: &Config) -> Finding {
     const NAME: &str = "calibration";
     let fix = "foretrace calibrate kinematics --robot HOST writes the arm's own measures";
     let deviation = facts.deviation.as_ref();
-    if let Err(refusal) = check::model(deviation, facts.arm.as_deref()) {
-        let value = "the model is of another arm".to_owned();
+    if let Err(refusal) = check::model(deviation, facts.arm.as_deref(), config) {
+        let value = match refusal {
+            check::CheckRefusal::Model { .. } => "the model is of another arm",
+            _ => "the model's base frame is not the one that the settings say",
+        };
         return bad(NAME, value, refusal.to_string());
     }
     match deviation {

@@ -8,7 +8,7 @@ mod gather;
 
 pub use gather::gather;
 
-use foretrace_config::Settings;
+use foretrace_config::Config;
 use serde::Serialize;
 
 use super::check::{Installation, Version};
@@ -123,10 +123,6 @@ pub struct Finding {
 /// right.
 /// `position` are the joints' limits \[rad\].
 #[must_use]
-pub fn judge(
-    facts: &Facts,
-    settings: &Settings,
-    position: &[[f64; 2]; foretrace_client::JOINTS],
-) -> Vec<Finding> {
-    judge::all(facts, settings, position)
+pub fn judge(facts: &Facts, config: &Config) -> Vec<Finding> {
+    judge::all(facts, config)
 }

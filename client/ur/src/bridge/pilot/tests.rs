@@ -234,7 +234,7 @@ fn without_calibration_the_pen_is_not_lowered_beyond_the_stated_height() {
 #[test]
 fn the_floor_allows_for_the_tip_being_lower_than_the_model_believes() {
     let config = Config::preset("ur5").unwrap();
-    let off = |most_mm| Some(Deviation { most_mm, uneven_mm: 0.0, height_mm: 0.0 });
+    let off = |most_mm| Some(Deviation { most_mm, uneven_mm: 0.0, height_mm: 0.0, turned_mm: 900.0 });
     let height = |deviation| Floor::of(&config, deviation).map(|floor| floor.height_m);
     let content = config.settings().robot.ur.uncalibrated_height_m;
     assert_eq!(height(off(0.4)), None);

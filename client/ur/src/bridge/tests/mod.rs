@@ -1,5 +1,6 @@
 //! The bridge over sockets, against the stand-in.
 
+mod base_frame;
 mod fake;
 
 use std::io::{Read, Write};
@@ -281,7 +282,7 @@ fn examination_measures_the_line_and_names_what_is_in_use() {
     let timing = facts.timing.clone().unwrap();
     assert!(timing.states > 20 && timing.round_trips.iter().sum::<u64>() > 10, "{timing:?}");
     assert_eq!(facts.registers, Some(RegisterFact::Free));
-    let judged = examine::judge(&facts, config.settings(), config.robot().limits.position());
+    let judged = examine::judge(&facts, &config);
     let bad: Vec<_> = judged.iter().filter(|finding| finding.grade == Grade::Bad).map(|f| f.name).collect();
     for name in ["robot", "version", "safety", "program", "primary (30001)", "rtde (30004)", "registers"] {
         assert!(!bad.contains(&name), "{name}: {judged:?}");

@@ -6,9 +6,11 @@
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use thiserror::Error;
-use urdf_rs::{Inertial, Robot};
+use urdf_rs::Inertial;
 
 use crate::arm::bodies::LinkPose;
+use crate::arm::chain_error::Part;
+use crate::arm::description::Description;
 
 /// Why the torques of an arm cannot be computed.
 #[derive(Debug, Clone, PartialEq, Error)]
@@ -21,13 +23,13 @@ pub enum DynamicsError {
     },
     /// A mass below 0, a tensor that no body has, or a number that is not finite.
     #[error(
-        "link `{link}`: its <inertial> is not that of a body: {what}; correct the description, or remove it"
+        "link {link}: its <inertial> is not that of a body: {what}; correct the description, or remove it"
     )]
     Inertial {
-        /// Name of the link in the description.
-        link: String,
+        /// Link at fault, with its line.
+        link: Part,
         /// What is wrong with it, as in the message.
-        what: &'static str,
+        what: String,
     },
     /// The payload is not that of a body.
     #[error("payload of {mass} kg at {centre:?} m: give a mass of 0 or more and a finite centre")]
@@ -110,7 +112,7 @@ fn steiner(mass: f64, centre: &Vector3<f64>) -> Matrix3<f64> {
 /// The bodies of a chain with `joints` moving joints: entry i is what moves with joint i, in that joint's
 /// frame as the URDF has it.
 pub(in crate::arm) fn inertias(
-    robot: &Robot,
+    description: &Description,
     poses: &[LinkPose<'_>],
     joints: usize,
 ) -> Result<Vec<Inertia>, DynamicsError> {
@@ -118,9 +120,12 @@ pub(in crate::arm) fn inertias(
     for pose in poses {
         // The base does not move.
         let Some(body) = pose.link.checked_sub(1).and_then(|joint| bodies.get_mut(joint)) else { continue };
-        let Some(link) = robot.links.iter().find(|link| link.name == pose.name) else { continue };
-        let own = inertial(&link.inertial)
-            .map_err(|what| DynamicsError::Inertial { link: link.name.clone(), what })?;
+        let links = &description.robot.links;
+        let Some(link) = links.iter().find(|link| link.name == pose.name) else { continue };
+        let own = description
+            .inertial(link)
+            .and_then(|read| inertial(&read).map_err(str::to_owned))
+            .map_err(|what| DynamicsError::Inertial { link: description.link_part(pose.name), what })?;
         *body = body.plus(&own.seen_from(&pose.rotation, &pose.translation));
     }
     Ok(bodies)

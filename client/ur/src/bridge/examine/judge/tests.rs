@@ -29,7 +29,7 @@ fn facts() -> Facts {
             late_ms: [0.1, 0.4, 1.0],
             round_trips: vec![0, 1240, 9, 0, 0, 0, 0],
         }),
-        deviation: Some(Deviation { most_mm: 0.1, uneven_mm: 0.1, height_mm: 0.0 }),
+        deviation: Some(Deviation { most_mm: 0.1, uneven_mm: 0.1, height_mm: 0.0, turned_mm: 900.0 }),
     }
 }
 
@@ -38,7 +38,7 @@ fn judged(change: impl FnOnce(&mut Facts)) -> Vec<Finding> {
     let config = Config::parse(text, "t.toml", ".").unwrap();
     let mut facts = facts();
     change(&mut facts);
-    all(&facts, config.settings(), config.robot().limits.position())
+    all(&facts, &config)
 }
 
 #[test]
@@ -107,7 +107,7 @@ fn a_payload_that_nobody_wrote_down_is_bad_for_a_real_arm_as_for_the_bridge() {
     let config = Config::parse("preset = \"ur5-first-run\"\n", "t.toml", ".").unwrap();
     let grade = |loopback| {
         let facts = Facts { loopback, ..facts() };
-        let found = all(&facts, config.settings(), config.robot().limits.position());
+        let found = all(&facts, &config);
         found.iter().find(|f| f.name == "payload").unwrap().grade
     };
     assert_eq!((grade(false), grade(true)), (Grade::Bad, Grade::Fair));
@@ -117,7 +117,7 @@ fn a_payload_that_nobody_wrote_down_is_bad_for_a_real_arm_as_for_the_bridge() {
 fn every_finding_that_is_not_good_says_what_to_do_even_where_nothing_is_known() {
     let config = Config::preset("ur5").unwrap();
     for facts in [Facts::default(), facts()] {
-        for finding in all(&facts, config.settings(), config.robot().limits.position()) {
+        for finding in all(&facts, &config) {
             assert_eq!(finding.fix.is_empty(), finding.grade == Grade::Good, "{finding:?}");
         }
     }
