@@ -44,8 +44,9 @@ ROOMS = {
     ],
     "client/ur/src": ["rtde", "primary", "dashboard", "series", "bridge"],
     "client/ur-sim/src": [
-        "pose", "script", "options", "kinematics", "inverse", "motion", "safety", "inputs", "current", "robot", "names", "machine", "motion_calls",
-        "arrival", "world", "outputs", "outbox", "rtde_server", "streams", "dashboard_server", "trouble", "faults", "network", "listen",
+        "pose", "script", "options", "kinematics", "branches", "inverse", "motion", "safety", "inputs", "current", "setup", "robot", "names",
+        "sockets", "machine", "motion_calls", "io_calls", "setup_calls", "socket_calls",
+        "arrival", "outbox", "statements", "world", "applied", "interpreter", "outputs", "rtde_server", "streams", "dashboard_server", "trouble", "faults", "network", "listen",
         "control", "echo",
     ],
 }

@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Clients that others wrote against `foretrace ur-sim`, at 125 and 500 Hz: ur_rtde, urx, urkit and
-# universal-robots-clients, the last and ur_rtde also beside our bridge; then the control programs of others in
+# universal-robots-clients, the last and ur_rtde also beside our bridge; what drivers do (driver.py: come back
+# over a running script, a pendant's program, sockets, interpreter mode); then the control programs of others in
 # the interpreter (that of the client library where FORETRACE_URCL names a checkout of it). Makes a Python
 # environment from PyPI in FORETRACE_UR_VENV (default: a scratch folder); where it cannot be had, says so and
 # leaves with 0. FORETRACE is the program (default: built here). Ports of a robot are fixed, so each simulator
@@ -40,10 +41,10 @@ for series in "cb3 125 127.0.0.21" "e 500 127.0.0.22"; do
   simulators+=($!)
   # Until its last port is open.
   for _ in $(seq 100); do
-    (exec 3<>"/dev/tcp/$address/30020") 2>/dev/null && break
+    (exec 3<>"/dev/tcp/$address/30090") 2>/dev/null && break
     sleep 0.1
   done
-  for judge in sdu others; do
+  for judge in sdu others driver; do
     # urkit leaves a log where it is started.
     (cd "$scratch" && timeout 300 "$venv/bin/python" "$here/$judge.py" "$address" "$rate") ||
       broken=$((broken + $?))

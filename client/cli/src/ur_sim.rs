@@ -30,8 +30,8 @@ const LOOK: Duration = Duration::from_millis(100);
 /// URScript
 ///
 /// Every client of such a robot can connect as to a real one: RTDE at 125 Hz (CB3) or 500 Hz (e-Series),
-/// scripts to ports 30001 to 30003, dashboard at 29999. Its tool centre point is the presets' pen. Port 30020
-/// takes faults, one line each ("help" lists them): printf 'slider 0.5\n' | nc 127.0.0.1 30020.
+/// scripts to ports 30001 to 30003, dashboard at 29999. Its tool centre point is the presets' pen. Port 30090
+/// takes faults, one line each ("help" lists them): printf 'slider 0.5\n' | nc 127.0.0.1 30090.
 #[derive(Debug, clap::Args)]
 #[command(
     allow_negative_numbers = true,
@@ -73,6 +73,11 @@ pub(crate) struct UrSimArgs {
     #[command(flatten)]
     joints: JointArgs,
 
+    /// Hosts that programs may open sockets to; "any" lets whoever can send a program reach what this machine
+    /// can
+    #[arg(long, value_enum, default_value_t = SocketHostsArg::Loopback)]
+    program_sockets: SocketHostsArg,
+
     /// Begin with the power off
     #[arg(long)]
     power_off: bool,
@@ -85,7 +90,7 @@ pub(crate) struct UrSimArgs {
     #[arg(long)]
     ephemeral_ports: bool,
 
-    /// Do this in the beginning, as a line to port 30020 would; may be given several times
+    /// Do this in the beginning, as a line to port 30090 would; may be given several times
     #[arg(long = "do", value_name = "LINE")]
     orders: Vec<String>,
 
@@ -97,6 +102,12 @@ pub(crate) struct UrSimArgs {
 enum SeriesArg {
     Cb3,
     E,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum SocketHostsArg {
+    Loopback,
+    Any,
 }
 
 /// A run in figures; keys are stable.
@@ -133,6 +144,7 @@ pub(crate) fn run(args: &UrSimArgs) -> Result<(), Failure> {
         running: !args.power_off,
         damping: args.joints.damping(),
         mechanics: args.joints.mechanics(),
+        any_host: args.program_sockets == SocketHostsArg::Any,
         ..ControllerOptions::new(series)
     };
     if let Some(from) = &args.from {

@@ -45,7 +45,7 @@ impl Controller {
     /// See [`StartError`].
     pub fn start(options: ControllerOptions) -> Result<Self, StartError> {
         let mut listeners = Vec::new();
-        for service in Service::ALL {
+        for service in Service::ALL.into_iter().filter(|service| service.is_of(options.series)) {
             let port = if options.ephemeral_ports { 0 } else { service.port() };
             let address = SocketAddr::new(options.bind, port);
             let bound = TcpListener::bind(address).and_then(|listener| {
@@ -76,7 +76,7 @@ impl Controller {
         Ok(())
     }
 
-    /// Where a service listens; `None` never for one of [`Service::ALL`].
+    /// Where a service listens; `None` where the series does not have it.
     #[must_use]
     pub fn address(&self, service: Service) -> Option<SocketAddr> {
         self.addresses.iter().find(|(known, _)| *known == service).map(|(_, address)| *address)

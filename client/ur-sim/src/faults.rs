@@ -1,4 +1,4 @@
-//! Faults and an operator's acts on request: one line in, one line out (port 30020, or `--do`).
+//! Faults and an operator's acts on request: one line in, one line out (port 30090, or `--do`).
 
 use std::time::Duration;
 
@@ -156,6 +156,7 @@ pub fn status(world: &World) -> String {
         "speed_slider": world.robot.slider,
         "speed_scaling": world.robot.speed_scaling,
         "remote": world.remote,
+        "setup": world.robot.setup.settings(),
         "q_rad": actual.q,
         "qd_radps": actual.qd,
     })

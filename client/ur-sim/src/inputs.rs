@@ -1,6 +1,6 @@
 //! Input variables of RTDE: their values, when they were set last, and which connection owns them.
 
-use foretrace_ur::rtde::fields::{INPUTS, MajorMinor, Register, input};
+use foretrace_ur::rtde::fields::{FieldVersion, INPUTS, Register, input};
 use foretrace_ur::rtde::value::{FieldType, RtdeValue};
 
 /// Registers of each kind.
@@ -27,7 +27,7 @@ struct Variable {
 
 #[derive(Debug)]
 pub struct InputVariables {
-    version: MajorMinor,
+    version: FieldVersion,
     variables: Vec<Variable>,
 }
 
@@ -48,7 +48,7 @@ fn slot(name: &str) -> Option<usize> {
 impl InputVariables {
     /// All 0, nobody's.
     #[must_use]
-    pub fn new(version: MajorMinor) -> Self {
+    pub fn new(version: FieldVersion) -> Self {
         let registers =
             [(FieldType::Int32, REGISTERS), (FieldType::Double, REGISTERS), (FieldType::Bool, BITS)];
         let registers = registers.iter().flat_map(|(kind, count)| std::iter::repeat_n(*kind, *count));
@@ -149,7 +149,7 @@ mod tests {
 
     #[test]
     fn every_input_has_a_place_of_its_own_and_of_its_type() {
-        let inputs = InputVariables::new((5, 11));
+        let inputs = InputVariables::new((5, 11, 0));
         let mut names: Vec<String> = INPUTS.iter().map(|(name, ..)| (*name).to_owned()).collect();
         for number in 0..REGISTERS {
             names.push(format!("input_int_register_{number}"));
@@ -169,7 +169,7 @@ mod tests {
 
     #[test]
     fn an_input_belongs_to_one_connection_until_that_ends() {
-        let mut inputs = InputVariables::new((3, 15));
+        let mut inputs = InputVariables::new((3, 15, 0));
         let (slot, _) = inputs.free("input_int_register_24", 1).unwrap();
         inputs.claim(&[slot], 1);
         assert_eq!(inputs.free("input_int_register_24", 2), Err(Denied::InUse));

@@ -1,43 +1,123 @@
 //! Inverse kinematics of the simulated arm, and the straight line of `movel`.
 //!
-//! Contract: bounded steps; `None` where the pose is out of reach or too near to a singularity to be found
-//! from the posture given. The solution is the one nearest to that posture, as steps of least squares lead to
-//! it.
+//! Contract: bounded steps; `None` where the pose is out of reach or no posture for it is inside the range of
+//! the joints. Of all postures (`branches`) it is the one nearest to that given; what a calibration adds is
+//! found by least squares from there.
+
+use std::f64::consts::TAU;
 
 use nalgebra::{Cholesky, Isometry3, Matrix6, UnitQuaternion, Vector6};
 
-use super::kinematics::ArmDh;
+use super::branches::postures;
+use super::kinematics::{ArmDh, POSITION_LIMIT_RAD};
 use super::pose::{frame, pose};
 
-/// Steps of the search.
+/// Steps of the search from one posture.
 const MOST_STEPS: usize = 60;
 /// Farthest step of a joint \[rad\].
 const LONGEST_STEP: f64 = 0.3;
 /// Damping of the least squares, of metres and radians alike.
 const DAMPING: f64 = 1e-4;
-/// A pose counts as reached within this \[m\], \[rad\].
-const REACHED: f64 = 1e-8;
+/// A pose counts as reached within this, unless more is allowed \[m\], \[rad\].
+const REACHED: f64 = 1e-9;
+/// Farther \[m\] and \[rad\] from the pose than this, a posture in closed form is not worth refining: no
+/// calibration is that far off.
+const WORTH_REFINING: f64 = 0.1;
+
+/// How near to a pose the tool has to come.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PoseTolerance {
+    /// \[m\]
+    pub position: f64,
+    /// \[rad\]
+    pub orientation: f64,
+}
+
+impl PoseTolerance {
+    /// What is meant where nothing is said.
+    pub const TIGHT: Self = Self { position: REACHED, orientation: REACHED };
+
+    /// At least what numbers of this size can tell.
+    #[must_use]
+    pub fn new(position: f64, orientation: f64) -> Self {
+        Self { position: position.max(REACHED), orientation: orientation.max(REACHED) }
+    }
+
+    fn allows(&self, off: &Vector6<f64>) -> bool {
+        off.fixed_rows::<3>(0).norm() <= self.position && off.fixed_rows::<3>(3).norm() <= self.orientation
+    }
+}
 
 /// Joints \[rad\] near `near` for which the tool, `tcp` from the flange, is at `wanted`.
 #[must_use]
 pub fn joints_for(dh: &ArmDh, tcp: &[f64; 6], wanted: &[f64; 6], near: &[f64; 6]) -> Option<[f64; 6]> {
-    search(dh, tcp, wanted, near, &mut 0)
+    search(dh, tcp, wanted, near, PoseTolerance::TIGHT, &mut 0)
 }
 
-/// The same; counts the steps that it takes.
+/// The same within a tolerance; counts the steps that it takes.
 #[must_use]
 pub fn search(
     dh: &ArmDh,
     tcp: &[f64; 6],
     wanted: &[f64; 6],
     near: &[f64; 6],
+    tolerance: PoseTolerance,
     steps: &mut u32,
 ) -> Option<[f64; 6]> {
-    let mut q = *near;
+    if wanted.iter().chain(near).any(|number| !(number.abs() < 1e6)) {
+        return None;
+    }
+    *steps += 1;
+    let flange = frame(wanted) * frame(tcp).inverse();
+    let mut candidates: Vec<([f64; 6], f64)> =
+        postures(dh, &flange, near).into_iter().filter_map(|q| turned_near(q, near)).collect();
+    candidates.sort_by(|(_, a), (_, b)| a.total_cmp(b));
+    candidates.into_iter().find_map(|(q, _)| {
+        *steps += 1;
+        let error = off(dh, tcp, wanted, &q);
+        if tolerance.allows(&error) {
+            return Some(q);
+        }
+        let near_enough = error.iter().all(|error| error.abs() < WORTH_REFINING);
+        let refined = near_enough.then(|| refine(dh, tcp, wanted, &q, tolerance, steps)).flatten()?;
+        turned_near(refined, near).map(|(q, _)| q)
+    })
+}
+
+/// The same posture with each joint turned as near to `near` as its range lets it, and the sum of the squares
+/// of how far they are apart \[rad²\].
+fn turned_near(q: [f64; 6], near: &[f64; 6]) -> Option<([f64; 6], f64)> {
+    let mut turned = q;
+    let mut apart = 0.0;
+    for (q, near) in turned.iter_mut().zip(near) {
+        *q += TAU * ((near - *q) / TAU).round();
+        if q.abs() > POSITION_LIMIT_RAD {
+            *q -= TAU * (*q / TAU).round();
+            // Of two turns inside the range, that on the side of `near`.
+            let other = *q + TAU.copysign(near - *q);
+            if other.abs() <= POSITION_LIMIT_RAD && (other - near).abs() < (*q - near).abs() {
+                *q = other;
+            }
+        }
+        apart += (*q - near) * (*q - near);
+    }
+    turned.iter().all(|q| q.abs() <= POSITION_LIMIT_RAD).then_some((turned, apart))
+}
+
+/// Steps of least squares from `from`.
+fn refine(
+    dh: &ArmDh,
+    tcp: &[f64; 6],
+    wanted: &[f64; 6],
+    from: &[f64; 6],
+    tolerance: PoseTolerance,
+    steps: &mut u32,
+) -> Option<[f64; 6]> {
+    let mut q = *from;
     for _ in 0..MOST_STEPS {
         *steps += 1;
         let error = off(dh, tcp, wanted, &q);
-        if error.iter().all(|error| error.abs() < REACHED) {
+        if tolerance.allows(&error) {
             return Some(q);
         }
         // Columns by finite differences: how the error shrinks with each joint.
@@ -106,48 +186,5 @@ impl Straight {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::kinematics::{calibrated, nominal};
-    use crate::options::{ControllerOptions, Series};
-    use proptest::prelude::*;
-
-    proptest! {
-        #![proptest_config(ProptestConfig::with_cases(200))]
-
-        #[test]
-        fn joints_lead_to_the_pose_they_were_asked_for(
-            by in prop::array::uniform6(-0.4f64..0.4),
-            tcp in prop::array::uniform6(-0.1f64..0.1),
-        ) {
-            let dh = calibrated(Series::E, 0.003, 5, &ControllerOptions::new(Series::E).q);
-            let near = ControllerOptions::new(Series::E).q;
-            let mut q = near;
-            q.iter_mut().zip(by).for_each(|(q, by)| *q += by);
-            let wanted = pose(&(dh.flange(&q) * frame(&tcp)));
-            let found = joints_for(&dh, &tcp, &wanted, &near).unwrap();
-            prop_assert!(off(&dh, &tcp, &wanted, &found).iter().all(|off| off.abs() < 1e-7));
-        }
-    }
-
-    #[test]
-    fn what_is_out_of_reach_is_not_found() {
-        let (dh, near) = (nominal(Series::Cb3), ControllerOptions::new(Series::Cb3).q);
-        for wanted in [[2.0, 0.0, 0.3, 0.0, 3.1, 0.0], [f64::NAN; 6], [1e300; 6]] {
-            assert_eq!(joints_for(&dh, &[0.0; 6], &wanted, &near), None);
-        }
-    }
-
-    #[test]
-    fn a_straight_way_is_straight() {
-        let (dh, q) = (nominal(Series::E), ControllerOptions::new(Series::E).q);
-        let mut to = pose(&dh.flange(&q));
-        to[0] -= 0.05;
-        to[2] += 0.1;
-        let way = Straight::new(dh, [0.0; 6], &q, &to);
-        assert!((way.length() - 0.125f64.sqrt() * 0.1f64.sqrt()).abs() < 1e-9, "{}", way.length());
-        let half = way.joints(0.5, &q).unwrap();
-        let moved = dh.flange(&half).translation.vector - dh.flange(&q).translation.vector;
-        assert!((moved - nalgebra::Vector3::new(-0.025, 0.0, 0.05)).norm() < 1e-7, "{moved}");
-    }
-}
+#[path = "inverse_tests.rs"]
+mod tests;

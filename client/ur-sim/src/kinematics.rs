@@ -10,6 +10,9 @@ use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vect
 
 use super::options::Series;
 
+/// Position limits \[rad\]: 363 degrees.
+pub const POSITION_LIMIT_RAD: f64 = 6.336;
+
 /// Denavit-Hartenberg parameters of the simulated arm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ArmDh {

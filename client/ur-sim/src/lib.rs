@@ -14,19 +14,28 @@ pub mod script;
 pub mod options;
 pub mod pose;
 pub mod kinematics;
+pub mod branches;
 pub mod inverse;
 pub mod motion;
 pub mod safety;
 pub mod inputs;
 mod current;
+pub mod setup;
 pub mod robot;
 mod names;
+mod sockets;
 pub mod machine;
 mod motion_calls;
+mod io_calls;
+mod setup_calls;
+mod socket_calls;
 pub mod arrival;
-pub mod world;
-pub mod outputs;
 pub mod outbox;
+pub mod statements;
+pub mod world;
+mod applied;
+mod interpreter;
+pub mod outputs;
 pub mod rtde_server;
 pub mod streams;
 pub mod dashboard_server;
@@ -50,3 +59,9 @@ mod conversation_tests;
 mod hostile_tests;
 #[cfg(test)]
 mod trouble_tests;
+#[cfg(test)]
+mod program_tests;
+#[cfg(test)]
+mod recipe_tests;
+#[cfg(test)]
+mod interpreter_tests;

@@ -8,12 +8,13 @@
 use std::collections::{BTreeMap, VecDeque};
 
 use super::inputs::{InputVariables, REGISTERS};
-use super::inverse::search;
+use super::inverse::{PoseTolerance, search};
 use super::motion::RobotMotion;
-use super::names::{NOT_SIMULATED, SIMULATED};
+use super::names::{KnownAs, known};
 use super::pose::{frame, pose};
-use super::robot::SimulatedRobot;
+use super::robot::{SimulatedRobot, within_limits};
 use super::safety::ProtectiveReason;
+use super::sockets::ProgramSockets;
 use crate::script::{Arguments, Called, Machine, MachineCall, ThreadId, Value};
 use foretrace_ur::primary::MessageContent;
 
@@ -24,7 +25,7 @@ pub const MOST_MESSAGES: usize = 256;
 /// What a step of the search for joints takes, in instructions of a program.
 const INSTRUCTIONS_PER_STEP: u32 = 150;
 /// What the search for an input by its name takes, or the place of the tool.
-const INSTRUCTIONS_PER_SEARCH: u32 = 20;
+pub(super) const INSTRUCTIONS_PER_SEARCH: u32 = 20;
 
 #[derive(Debug, Clone)]
 pub struct Registers {
@@ -32,11 +33,36 @@ pub struct Registers {
     pub doubles: [f64; REGISTERS],
     /// Bits 0 to 127.
     pub bits: u128,
+    /// The 32 bits of `set_flag`.
+    pub flags: u32,
+    pub(super) port_bits: BTreeMap<usize, i32>,
+    pub(super) port_registers: BTreeMap<usize, i32>,
+    /// Numbers that `random` has given.
+    pub draws: u64,
 }
 
 impl Default for Registers {
     fn default() -> Self {
-        Self { integers: [0; REGISTERS], doubles: [0.0; REGISTERS], bits: 0 }
+        Self {
+            integers: [0; REGISTERS],
+            doubles: [0.0; REGISTERS],
+            bits: 0,
+            flags: 0,
+            port_bits: BTreeMap::new(),
+            port_registers: BTreeMap::new(),
+            draws: 0,
+        }
+    }
+}
+
+impl Registers {
+    /// Evenly from 0 to 1 (splitmix64); the same numbers in every run.
+    fn random(&mut self) -> f64 {
+        self.draws = self.draws.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.draws;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
     }
 }
 
@@ -74,13 +100,14 @@ pub struct Hands<'a> {
     pub mover: &'a mut Option<ThreadId>,
     /// Messages for ports 30001 and 30002.
     pub messages: &'a mut VecDeque<MessageContent>,
+    pub sockets: &'a mut ProgramSockets,
     /// Instructions that calls took since they were counted.
     pub spent: u32,
 }
 
 pub(super) type Result<T> = std::result::Result<T, String>;
 
-fn number(value: Option<&Value>, name: &str) -> Result<f64> {
+pub(super) fn number(value: Option<&Value>, name: &str) -> Result<f64> {
     value.and_then(Value::as_number).ok_or_else(|| format!("wants a number for {name}"))
 }
 
@@ -90,15 +117,9 @@ pub(super) fn number_or(value: Option<&Value>, name: &str, usual: f64) -> Result
 
 pub(super) fn joints(value: Option<&Value>, name: &str) -> Result<[f64; 6]> {
     if matches!(value, Some(Value::Pose(_))) {
-        return Err(format!("a pose for {name} is not simulated here, joint positions are"));
+        return Err(format!("wants joint positions for {name}, not a pose"));
     }
     value.and_then(Value::as_numbers::<6>).ok_or_else(|| format!("wants six numbers for {name}"))
-}
-
-/// A register's or output's number, below `count`.
-fn index(value: Option<&Value>, count: usize) -> Result<usize> {
-    let number = value.and_then(Value::as_integer).and_then(|number| usize::try_from(number).ok());
-    number.filter(|number| *number < count).ok_or_else(|| format!("wants a number from 0 to {}", count - 1))
 }
 
 impl Hands<'_> {
@@ -131,14 +152,19 @@ impl Hands<'_> {
         tcp: &[f64; 6],
         wanted: &[f64; 6],
         near: &[f64; 6],
+        tolerance: PoseTolerance,
     ) -> Option<[f64; 6]> {
         let mut steps = 0;
-        let found = search(&self.robot.dh, tcp, wanted, near, &mut steps);
+        let found = search(&self.robot.dh, tcp, wanted, near, tolerance, &mut steps);
         self.spent = self.spent.saturating_add(steps.saturating_mul(INSTRUCTIONS_PER_STEP));
         found
     }
 
-    fn say(&mut self, text: String) {
+    fn known(&self, name: &str) -> Option<KnownAs> {
+        known(name, self.robot.options.series, self.robot.options.version)
+    }
+
+    pub(super) fn say(&mut self, text: String) {
         if self.messages.len() < MOST_MESSAGES {
             self.messages.push_back(MessageContent::Text(text));
         }
@@ -148,110 +174,6 @@ impl Hands<'_> {
     fn tool(&self, tcp: Option<&Value>) -> Result<[f64; 6]> {
         let named = tcp.map(|tcp| tcp.as_numbers::<6>().ok_or("wants a pose for tcp")).transpose()?;
         Ok(named.unwrap_or(self.robot.tcp_offset))
-    }
-
-    fn registers(&mut self, name: &str, arguments: &Arguments) -> Result<Value> {
-        let [at, value] = arguments.bind(["address", "value"])?;
-        let count = if name.contains("boolean") { 128 } else { REGISTERS };
-        let n = index(at, count)?;
-        let none = || "has no such register".to_owned();
-        Ok(match name {
-            "read_input_integer_register" => Value::Integer(self.inputs.integer(n).ok_or_else(none)?),
-            "read_input_float_register" => Value::Float(self.inputs.double(n).ok_or_else(none)?),
-            "read_input_boolean_register" => {
-                self.spent = self.spent.saturating_add(INSTRUCTIONS_PER_SEARCH);
-                Value::Bool(self.inputs.bit(n).ok_or_else(none)?)
-            }
-            "read_output_integer_register" => {
-                Value::Integer(*self.registers.integers.get(n).ok_or_else(none)?)
-            }
-            "read_output_float_register" => Value::Float(*self.registers.doubles.get(n).ok_or_else(none)?),
-            "read_output_boolean_register" => Value::Bool(self.registers.bits >> n & 1 == 1),
-            "write_output_integer_register" => {
-                let value = value.and_then(Value::as_number).ok_or("wants an integer")?;
-                // A float is cut to an integer; saturates.
-                *self.registers.integers.get_mut(n).ok_or_else(none)? = value as i32;
-                Value::None
-            }
-            "write_output_float_register" => {
-                let value = number(value, "value")?;
-                *self.registers.doubles.get_mut(n).ok_or_else(none)? = value;
-                Value::None
-            }
-            _ => {
-                let on = value.and_then(Value::as_bool).ok_or("wants a truth value")?;
-                self.registers.bits = self.registers.bits & !(1 << n) | u128::from(on) << n;
-                Value::None
-            }
-        })
-    }
-
-    fn digital(&mut self, name: &str, arguments: &Arguments) -> Result<Value> {
-        let [at, value] = arguments.bind(["n", "b"])?;
-        let (first, count) = if name.contains("configurable") {
-            (8, 8)
-        } else if name.contains("tool") {
-            (16, 2)
-        } else if name.contains("standard") {
-            (0, 8)
-        } else {
-            // Counts standard, configurable (of old 8 and 9 the tool) through.
-            (0, 18)
-        };
-        let bit = first + index(at, count)?;
-        if name.starts_with("set") {
-            let on = value.and_then(Value::as_bool).ok_or("wants a truth value")?;
-            self.robot.digital_outputs = self.robot.digital_outputs & !(1 << bit) | u64::from(on) << bit;
-            return Ok(Value::None);
-        }
-        let bits = if name.ends_with("_in") { self.robot.digital_inputs } else { self.robot.digital_outputs };
-        Ok(Value::Bool(bits >> bit & 1 == 1))
-    }
-
-    fn settings(&mut self, name: &str, arguments: &Arguments) -> Result<Value> {
-        match name {
-            "set_tcp" => {
-                let [pose, _] = arguments.bind(["pose", "tcp_name"])?;
-                let pose = pose.and_then(Value::as_numbers::<6>).ok_or("wants a pose")?;
-                if pose.iter().any(|number| !(number.abs() < 1e3)) {
-                    return Err("wants a pose within metres".to_owned());
-                }
-                self.robot.tcp_offset = pose;
-            }
-            "set_payload" | "set_target_payload" | "set_payload_mass" => {
-                let [m, cog, _, _] = arguments.bind(["m", "cog", "inertia", "transition_time"])?;
-                let mass = number(m, "m")?;
-                if !(0.0..=100.0).contains(&mass) {
-                    return Err("wants a mass from 0 to 100 kg".to_owned());
-                }
-                self.robot.payload.0 = mass;
-                if let Some(cog) = cog {
-                    self.robot.payload.1 = cog.as_numbers::<3>().ok_or("wants three numbers for cog")?;
-                }
-            }
-            "set_payload_cog" => {
-                let [cog, _] = arguments.bind(["cog", "transition_time"])?;
-                let cog = cog.and_then(Value::as_numbers::<3>).ok_or("wants three numbers for cog")?;
-                self.robot.payload.1 = cog;
-            }
-            "set_analog_out" | "set_standard_analog_out" => {
-                let [n, f] = arguments.bind(["n", "f"])?;
-                let share = number(f, "f")?.clamp(0.0, 1.0);
-                let n = index(n, 2)?;
-                // Current, 4 to 20 mA, as set at the factory.
-                if let Some(output) = self.robot.analog_outputs.get_mut(n) {
-                    *output = 0.004 + 0.016 * share;
-                }
-            }
-            "get_analog_out" | "get_standard_analog_out" => {
-                let [n] = arguments.bind(["n"])?;
-                let output = self.robot.analog_outputs.get(index(n, 2)?).copied().unwrap_or(0.0);
-                return Ok(Value::Float((output - 0.004) / 0.016));
-            }
-            // set_gravity, set_tool_voltage, force settings, ends of modes that never begin: no effect here.
-            _ => {}
-        }
-        Ok(Value::None)
     }
 
     fn watchdog(&mut self, arguments: &Arguments) -> Result<Value> {
@@ -284,26 +206,48 @@ impl Hands<'_> {
         let (actual, target) = (self.robot.actual(), self.robot.target);
         self.spent = self.spent.saturating_add(INSTRUCTIONS_PER_SEARCH);
         Ok(match name {
-            "get_actual_joint_positions" => Value::floats(&actual.q),
+            "get_actual_joint_positions" | "get_joint_positions" => Value::floats(&actual.q),
             "get_actual_joint_speeds" => Value::floats(&actual.qd),
             "get_target_joint_positions" => Value::floats(&target.q),
             "get_target_joint_speeds" => Value::floats(&target.qd),
             "get_actual_tcp_pose" => Value::Pose(self.robot.tcp_pose(&actual.q)),
             "get_target_tcp_pose" => Value::Pose(self.robot.tcp_pose(&target.q)),
             "get_actual_tcp_speed" => Value::floats(&self.robot.tcp_speed(&actual)),
+            "get_target_tcp_speed" => Value::floats(&self.robot.tcp_speed(&target)),
+            "get_actual_tool_flange_pose" => Value::Pose(pose(&self.robot.dh.flange(&actual.q))),
             "get_tcp_offset" => Value::Pose(self.robot.tcp_offset),
+            // Nobody touches this arm, and its joints and controller are as warm as a room.
+            "get_tcp_force" | "get_joint_torques" => Value::floats(&[0.0; 6]),
+            "force" | "get_tool_current" => Value::Float(0.0),
+            "get_joint_temp" | "get_controller_temp" => Value::Float(30.0),
+            "get_tool_accelerometer_reading" => Value::floats(&[0.0, 0.0, 9.81]),
+            "get_freedrive_status" => Value::Integer(0),
             "get_target_payload" => Value::Float(self.robot.payload.0),
             "get_target_payload_inertia" => Value::floats(&[0.0; 6]),
             "get_target_payload_cog" => Value::floats(&self.robot.payload.1),
             "get_steptime" => Value::Float(self.robot.dt()),
             "is_steady" => Value::Bool(self.robot.steady()),
+            "is_within_safety_limits" => {
+                let [pose] = arguments.bind(["pose"])?;
+                Value::Bool(match pose {
+                    Some(Value::Pose(x)) => {
+                        let tcp = self.robot.tcp_offset;
+                        self.joints_for(&tcp, x, &actual.q, PoseTolerance::TIGHT).is_some()
+                    }
+                    q => within_limits(&joints(q, "pose")?),
+                })
+            }
             "get_inverse_kin" | "get_inverse_kin_has_solution" => {
                 let names = ["x", "qnear", "maxPositionError", "maxOrientationError", "tcp"];
-                let [x, near, _, _, tcp] = arguments.bind(names)?;
+                let [x, near, position, orientation, tcp] = arguments.bind(names)?;
                 let x = x.and_then(Value::as_numbers::<6>).ok_or("wants a pose for x")?;
                 let near = if near.is_some() { joints(near, "qnear")? } else { actual.q };
+                let tolerance = PoseTolerance::new(
+                    number_or(position, "maxPositionError", 1e-10)?,
+                    number_or(orientation, "maxOrientationError", 1e-10)?,
+                );
                 let tcp = self.tool(tcp)?;
-                let found = self.joints_for(&tcp, &x, &near);
+                let found = self.joints_for(&tcp, &x, &near, tolerance);
                 if name == "get_inverse_kin" {
                     Value::floats(&found.ok_or("finds no joints for this pose")?)
                 } else {
@@ -321,6 +265,7 @@ impl Hands<'_> {
     fn answer(&mut self, call: &MachineCall<'_>) -> Result<Called> {
         let arguments = call.arguments;
         let value = match call.name {
+            name if name.starts_with("socket_") => return self.socket(call),
             "servoj" | "movej" | "movel" | "speedj" | "stopj" | "stopl" => return self.motion(call),
             "sync" => return Ok(Called::Cycle(Value::None)),
             "sleep" => {
@@ -344,14 +289,20 @@ impl Hands<'_> {
                 Value::None
             }
             "rtde_set_watchdog" => self.watchdog(arguments)?,
+            "get_flag" | "set_flag" => self.flags(call.name, arguments)?,
+            "modbus_get_signal_status" => self.modbus_status(call)?,
+            "random" => {
+                arguments.bind::<0>([])?;
+                Value::Float(self.registers.random())
+            }
+            name if name.contains("_port_") => self.ports(name, arguments)?,
             name if name.starts_with("read_") || name.starts_with("write_") => {
                 self.registers(name, arguments)?
             }
             name if name.contains("digital") => self.digital(name, arguments)?,
-            name if name.starts_with("set_") || name.contains("analog") || name.contains("mode") => {
-                self.settings(name, arguments)?
-            }
-            "zero_ftsensor" => Value::None,
+            name if name.contains("analog") => self.analog(name, arguments)?,
+            // Modes that never begin end without effect; the sensor reads 0 as it is.
+            name if name.contains("_mode") || name == "zero_ftsensor" => Value::None,
             name => self.state(name, arguments)?,
         };
         Ok(Called::Value(value))
@@ -360,17 +311,17 @@ impl Hands<'_> {
 
 impl Machine for Hands<'_> {
     fn knows(&self, name: &str) -> bool {
-        SIMULATED.contains(&name) || NOT_SIMULATED.contains(&name)
+        self.known(name).is_some()
     }
 
     fn call(&mut self, call: &MachineCall<'_>) -> Called {
-        if NOT_SIMULATED.contains(&call.name) {
-            return Called::Failed(format!("{} is not simulated", call.name));
-        }
-        if !SIMULATED.contains(&call.name) {
-            return Called::Unknown;
-        }
-        self.answer(call).unwrap_or_else(|message| Called::Failed(format!("{} {message}", call.name)))
+        let answer = match self.known(call.name) {
+            None => return Called::Unknown,
+            Some(KnownAs::Missing) => Err("is not simulated".to_owned()),
+            Some(KnownAs::SetUp) => self.set_up(call).map(Called::Value),
+            Some(KnownAs::Simulated) => self.answer(call),
+        };
+        answer.unwrap_or_else(|message| Called::Failed(format!("{} {message}", call.name)))
     }
 
     fn spent(&mut self) -> u32 {

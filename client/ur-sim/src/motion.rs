@@ -138,7 +138,7 @@ impl RobotMotion {
                 let Some(q) = way.joints(gone, &point.q) else {
                     // Out of reach on the way: it goes no farther.
                     *self = Self::Brake { deceleration: UNREACHED_RADPS2 };
-                    return false;
+                    return self.step(point, dt, scaling);
                 };
                 let mut qd = q;
                 qd.iter_mut().zip(point.q).for_each(|(qd, before)| *qd = (*qd - before) / dt);

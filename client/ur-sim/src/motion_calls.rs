@@ -1,9 +1,10 @@
 //! The calls that move the robot: `servoj`, `movej`, `movel`, `speedj`, `stopj`, `stopl`.
 
-use super::inverse::Straight;
+use super::inverse::{PoseTolerance, Straight};
 use super::machine::{Hands, Result, joints, number_or};
 use super::motion::{RobotMotion, Trapezoid};
-use super::robot::SPEED_LIMIT_RADPS;
+use super::robot::{ACCELERATION_LIMIT_RADPS2, SPEED_LIMIT_RADPS, within_limits};
+use super::safety::ProtectiveReason;
 use crate::script::{Called, MachineCall, Value};
 
 /// Of a motion that the thread waits for.
@@ -12,6 +13,22 @@ const fn done_if(over: bool) -> Called {
 }
 
 impl Hands<'_> {
+    /// A planned motion is over once the arm rests, or something else moves it; also when it was braked.
+    fn planned_is_over(&self) -> bool {
+        !matches!(
+            self.robot.motion,
+            RobotMotion::Line(_) | RobotMotion::Straight { .. } | RobotMotion::Brake { .. }
+        )
+    }
+
+    /// Joints as a call gives them, or those for the pose that it gives instead, near where the arm is sent.
+    fn aim(&mut self, value: Option<&Value>, name: &str) -> Result<[f64; 6]> {
+        let Some(Value::Pose(pose)) = value else { return joints(value, name) };
+        let (tcp, near) = (self.robot.tcp_offset, self.robot.target.q);
+        let found = self.joints_for(&tcp, pose, &near, PoseTolerance::TIGHT);
+        found.ok_or_else(|| "finds no joints for this pose: it is out of reach".to_owned())
+    }
+
     pub(super) fn motion(&mut self, call: &MachineCall<'_>) -> Result<Called> {
         let arguments = call.arguments;
         if !self.robot.ready() {
@@ -24,7 +41,9 @@ impl Hands<'_> {
                 let names = ["q", "a", "v", "t", "lookahead_time", "gain"];
                 let [q, _, _, t, look_ahead, gain] = arguments.bind(names)?;
                 let dt = self.robot.dt();
-                let (q, t) = (joints(q, "q")?, number_or(t, "t", dt)?);
+                // The pose of a call that is being waited for was looked at when it began.
+                let q = if call.first { self.aim(q, "q")? } else { self.robot.target.q };
+                let t = number_or(t, "t", dt)?;
                 let look_ahead = number_or(look_ahead, "lookahead_time", 0.1)?;
                 let gain = number_or(gain, "gain", 300.0)?;
                 if !(0.03..=0.2).contains(&look_ahead) {
@@ -41,22 +60,20 @@ impl Hands<'_> {
             }
             "movej" => {
                 if !call.first {
-                    return Ok(done_if(!matches!(self.robot.motion, RobotMotion::Line(_))));
+                    return Ok(done_if(self.planned_is_over()));
                 }
                 let [q, a, v, t, _] = arguments.bind(["q", "a", "v", "t", "r"])?;
-                let q = match q {
-                    Some(Value::Pose(pose)) => {
-                        let (tcp, near) = (self.robot.tcp_offset, self.robot.target.q);
-                        self.joints_for(&tcp, pose, &near).ok_or("finds no joints for this pose")?
-                    }
-                    q => joints(q, "q")?,
-                };
+                let q = self.aim(q, "q")?;
                 let (a, v) = (number_or(a, "a", 1.4)?, number_or(v, "v", 1.05)?);
                 let t = number_or(t, "t", 0.0)?;
                 if q.iter().any(|q| !q.is_finite()) || !(a > 0.0 && v > 0.0 && t >= 0.0) {
                     return Err("wants finite targets, a > 0, v > 0, t >= 0".to_owned());
                 }
-                let (v, a) = (v.min(SPEED_LIMIT_RADPS), a.min(40.0));
+                if !within_limits(&q) {
+                    self.robot.protective_stop(ProtectiveReason::PositionLimit);
+                    return Ok(Called::Wait);
+                }
+                let (v, a) = (v.min(SPEED_LIMIT_RADPS), a.min(ACCELERATION_LIMIT_RADPS2));
                 self.robot.plan(|point| RobotMotion::Line(Trapezoid::new(point.q, q, v, a, t)));
                 Ok(Called::Wait)
             }
@@ -67,17 +84,17 @@ impl Hands<'_> {
                     return Err("wants a > 0, v > 0, t >= 0".to_owned());
                 }
                 if !call.first {
-                    return Ok(done_if(!matches!(self.robot.motion, RobotMotion::Straight { .. })));
+                    if std::mem::take(&mut self.robot.unreached) {
+                        return Err("cannot go on: the straight line leaves the reach of the arm".to_owned());
+                    }
+                    return Ok(done_if(self.planned_is_over()));
                 }
                 let (dh, tcp) = (self.robot.dh, self.robot.tcp_offset);
                 let pose = match to {
                     Some(Value::Pose(pose)) => *pose,
                     q => self.robot.tcp_pose(&joints(q, "pose")?),
                 };
-                let target = self.robot.target.q;
-                if self.joints_for(&tcp, &pose, &target).is_none() {
-                    return Err("finds no joints for this pose".to_owned());
-                }
+                self.aim(Some(&Value::Pose(pose)), "pose")?;
                 self.robot.plan(|point| {
                     let way = Straight::new(dh, tcp, &point.q, &pose);
                     // As shares of the way; a way of no length ends at once.
@@ -95,7 +112,7 @@ impl Hands<'_> {
                     return Err("wants finite speeds, a > 0, t >= 0".to_owned());
                 }
                 let limit = SPEED_LIMIT_RADPS;
-                let (qd, a) = (qd.map(|qd| qd.clamp(-limit, limit)), a.min(40.0));
+                let (qd, a) = (qd.map(|qd| qd.clamp(-limit, limit)), a.min(ACCELERATION_LIMIT_RADPS2));
                 let cycles = self.cycles(t);
                 // One cycle more, in which the program may renew it.
                 let left = if cycles == 0 { 2 } else { cycles.saturating_add(1) };

@@ -16,6 +16,7 @@ use super::faults;
 use super::options::Service;
 use super::outbox::ConnectionOutbox;
 use super::rtde_server::RtdeSession;
+use super::statements::InterpreterLine;
 use super::streams;
 use super::trouble::Trouble;
 use super::world::World;
@@ -24,6 +25,8 @@ use foretrace_ur::rtde::frames::Frames;
 
 /// Longest line of a command.
 const LONGEST_LINE: usize = 1024;
+/// Longest line of statements for interpreter mode.
+const LONGEST_STATEMENTS: usize = 64 * 1024;
 /// Between two looks at whether a line is whole again, or a place free.
 const SOON: Duration = Duration::from_millis(5);
 
@@ -225,7 +228,8 @@ fn stream_to(shared: &Arc<Shared>, connection: &Connection) {
     let outbox = Arc::new(ConnectionOutbox::default());
     let rtde = (service == Service::Rtde)
         .then(|| Arc::new(Mutex::new(RtdeSession::new(number, &shared.world().robot.options))));
-    if !matches!(service, Service::Rtde | Service::RealTime | Service::RealTimeReadOnly) {
+    let silent = [Service::Rtde, Service::RealTime, Service::RealTimeReadOnly, Service::Interpreter];
+    if !silent.contains(&service) {
         let greeting = streams::greeting(&shared.world());
         outbox.reply(greeting);
     }
@@ -238,6 +242,7 @@ fn stream_to(shared: &Arc<Shared>, connection: &Connection) {
     if writer.is_ok() {
         match &rtde {
             Some(session) => read_rtde(shared, session, &outbox, connection),
+            None if service == Service::Interpreter => read_statements(shared, &outbox, connection),
             None => read_scripts(shared, connection),
         }
     }
@@ -273,6 +278,27 @@ fn read_rtde(
             drop(world);
             if !replies.into_iter().all(|reply| outbox.reply(reply)) {
                 return;
+            }
+        }
+    }
+}
+
+/// Lines for a program in interpreter mode.
+fn read_statements(shared: &Shared, outbox: &Arc<ConnectionOutbox>, connection: &Connection) {
+    let (mut buffer, mut line) = ([0; 4096], Vec::new());
+    while let Some(bytes) = read(shared, connection, &mut buffer) {
+        for byte in bytes {
+            if *byte != b'\n' {
+                line.push(*byte);
+                if line.len() > LONGEST_STATEMENTS {
+                    return;
+                }
+                continue;
+            }
+            let text = String::from_utf8_lossy(&std::mem::take(&mut line)).trim().to_owned();
+            if !text.is_empty() {
+                let read = InterpreterLine::read(&text, Arc::clone(outbox));
+                shared.world().interpret(read);
             }
         }
     }

@@ -40,12 +40,14 @@ pub enum Service {
     SecondaryReadOnly,
     /// 30013: real-time without scripts.
     RealTimeReadOnly,
-    /// 30020: faults on request, which no real controller has.
+    /// 30020: statements for a program in interpreter mode, e-Series only.
+    Interpreter,
+    /// 30090: faults on request, which no real controller has.
     Faults,
 }
 
 impl Service {
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 10] = [
         Self::Dashboard,
         Self::Primary,
         Self::Secondary,
@@ -54,6 +56,7 @@ impl Service {
         Self::PrimaryReadOnly,
         Self::SecondaryReadOnly,
         Self::RealTimeReadOnly,
+        Self::Interpreter,
         Self::Faults,
     ];
 
@@ -68,7 +71,8 @@ impl Service {
             Self::PrimaryReadOnly => (30011, "primary-read-only"),
             Self::SecondaryReadOnly => (30012, "secondary-read-only"),
             Self::RealTimeReadOnly => (30013, "real-time-read-only"),
-            Self::Faults => (30020, "faults"),
+            Self::Interpreter => (30020, "interpreter"),
+            Self::Faults => (30090, "faults"),
         }
     }
 
@@ -76,6 +80,12 @@ impl Service {
     #[must_use]
     pub const fn port(self) -> u16 {
         self.known_as().0
+    }
+
+    /// Whether controllers of this series have it.
+    #[must_use]
+    pub const fn is_of(self, series: Series) -> bool {
+        !matches!((self, series), (Self::Interpreter, Series::Cb3))
     }
 
     /// Its name in the fault protocol.
@@ -104,6 +114,8 @@ pub struct ControllerOptions {
     pub damping: f64,
     /// Friction, gain, backlash, sag and encoder steps of the arm.
     pub mechanics: Mechanics,
+    /// Programs may connect to other hosts than this one.
+    pub any_host: bool,
 }
 
 impl ControllerOptions {
@@ -121,6 +133,7 @@ impl ControllerOptions {
             running: true,
             damping: 1.0,
             mechanics: Mechanics::IDEAL,
+            any_host: false,
         }
     }
 }

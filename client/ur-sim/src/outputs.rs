@@ -4,7 +4,7 @@
 
 use super::robot::SPEED_LIMIT_RADPS;
 use super::world::World;
-use foretrace_ur::rtde::fields::{MajorMinor, Register, output};
+use foretrace_ur::rtde::fields::{FieldVersion, Register, output};
 use foretrace_ur::rtde::value::{FieldType, RtdeValue};
 
 /// How an output is read.
@@ -19,7 +19,7 @@ pub enum OutputSource {
 impl OutputSource {
     /// The source of an output of this version, with its type.
     #[must_use]
-    pub fn of(name: &str, version: MajorMinor) -> Option<(Self, FieldType)> {
+    pub fn of(name: &str, version: FieldVersion) -> Option<(Self, FieldType)> {
         let kind = output(name, version)?;
         let source = match Register::from_name(name) {
             Some(register) if !register.input => Self::Register(register),
@@ -115,16 +115,16 @@ fn reader(name: &str) -> Option<fn(&World) -> RtdeValue> {
             Uint32(power | u32::from(w.runtime().number() != 1) << 1)
         },
         "safety_status_bits" => |w| Uint32(w.robot.safety.bits()),
-        "analog_io_types" => |_| Uint32(0),
+        "analog_io_types" => |w| Uint32(w.robot.setup.analog_domains),
         "standard_analog_input0" | "standard_analog_input1" => |_| Double(0.004),
         "standard_analog_output0" => |w| Double(w.robot.analog_outputs.first().copied().unwrap_or(0.0)),
         "standard_analog_output1" => |w| Double(w.robot.analog_outputs.last().copied().unwrap_or(0.0)),
         "io_current" | "euromap67_24V_voltage" | "euromap67_24V_current" => |_| Double(0.0),
         "euromap67_input_bits" | "euromap67_output_bits" | "tool_analog_input_types" => |_| Uint32(0),
         "tool_mode" => |w| Uint32(u32::from(joint_mode(w))),
-        "tool_output_mode" => |_| Uint8(0),
+        "tool_output_mode" => |w| Uint8(w.robot.setup.tool_output_mode),
         "tool_analog_input0" | "tool_analog_input1" | "tool_output_current" => |_| Double(0.0),
-        "tool_output_voltage" => |_| Int32(0),
+        "tool_output_voltage" => |w| Int32(w.robot.setup.tool_voltage),
         "tool_temperature" => |_| Double(30.0),
         "tcp_force_scalar" | "joint_position_deviation_ratio" | "collision_detection_ratio" => {
             |_| Double(0.0)
@@ -154,7 +154,7 @@ mod tests {
             names.push(register.to_owned());
         }
         for name in names {
-            let (source, kind) = OutputSource::of(&name, (10, 0)).unwrap_or_else(|| panic!("{name}"));
+            let (source, kind) = OutputSource::of(&name, (10, 0, 0)).unwrap_or_else(|| panic!("{name}"));
             assert_eq!(source.read(&world).field_type(), kind, "{name}");
         }
     }

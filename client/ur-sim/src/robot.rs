@@ -8,24 +8,29 @@
 use foretrace_sim::arm::{ArmModel, ArmSettings, FaultKind};
 
 use super::current::Motors;
-use super::kinematics::{ArmDh, calibrated};
+use super::kinematics::{ArmDh, POSITION_LIMIT_RAD, calibrated};
 use super::motion::{JointPoint, RobotMotion};
 use super::options::ControllerOptions;
 use super::pose::{frame, pose};
 use super::safety::{ProtectiveReason, RobotMode, Safety, SafetyBreach};
+use super::setup::ProgramSetup;
 
 /// Farther than this \[rad/s\] a target may not jump in a cycle: C204.
 const MOST_STEP_RADPS: f64 = 20.0;
 /// Farther than this \[rad\] the arm may not be from where its targets led: C153.
 const MOST_DEVIATION_RAD: f64 = 0.5;
-/// Position limits \[rad\]: 363 degrees.
-pub const POSITION_LIMIT_RAD: f64 = 6.336;
 /// Largest joint speed \[rad/s\].
 pub const SPEED_LIMIT_RADPS: f64 = 3.342;
+/// Largest joint acceleration \[rad/s²\].
+pub const ACCELERATION_LIMIT_RADPS2: f64 = 40.0;
+/// Farther than this \[rad\] from where a planned motion has led, the servo did not keep up with it.
+const BEHIND_RAD: f64 = 1e-6;
 /// Deceleration of stops \[rad/s²\].
 const STOP_RADPS2: f64 = 20.0;
 /// An emergency stop waits no longer than this for the arm to stand \[s\]: three times what full speed takes.
 const MOST_STOP_S: f64 = 0.5;
+/// A joint slower than this outside its range stands \[rad/s\].
+const CREEPS_RADPS: f64 = 1e-3;
 /// From full speed to a pause, and back \[1/s\].
 const SCALE_RATE: f64 = 5.0;
 
@@ -50,6 +55,8 @@ pub struct SimulatedRobot {
     pub motion: RobotMotion,
     /// Where the motion has led.
     pub target: JointPoint,
+    /// The last straight way led out of reach: the arm has braked on it.
+    pub unreached: bool,
     /// Acceleration asked for by the motion in the last cycle \[rad/s²\].
     pub target_qdd: [f64; 6],
     /// Of the speed slider, in \[0, 1\].
@@ -67,6 +74,8 @@ pub struct SimulatedRobot {
     pub digital_inputs: u64,
     /// Analog outputs \[A\] or \[V\].
     pub analog_outputs: [f64; 2],
+    /// What programs have set beside.
+    pub setup: ProgramSetup,
     /// Of the arm in the last cycle \[rad/s²\].
     qdd: [f64; 6],
     motors: Motors,
@@ -92,6 +101,7 @@ impl SimulatedRobot {
             dh,
             motion: RobotMotion::Rest,
             target: JointPoint { q, qd: [0.0; 6] },
+            unreached: false,
             target_qdd: [0.0; 6],
             qdd: [0.0; 6],
             motors: Motors::of(options.series),
@@ -103,6 +113,7 @@ impl SimulatedRobot {
             digital_outputs: 0,
             digital_inputs: 0,
             analog_outputs: [0.0; 2],
+            setup: ProgramSetup::default(),
             sound: arm.clone(),
             arm,
         }
@@ -181,9 +192,12 @@ impl SimulatedRobot {
         if !matches!(self.motion, RobotMotion::Servo { .. }) {
             self.take_over();
         }
-        let far = |(to, from): (&f64, &f64)| !((to - from).abs() <= MOST_STEP_RADPS * self.dt());
-        if target.iter().zip(&self.target.q).any(far) {
+        if jumped(&self.target.q, &target, MOST_STEP_RADPS * self.dt()) {
             self.protective_stop(ProtectiveReason::SuddenChange);
+            return;
+        }
+        if !within_limits(&target) {
+            self.protective_stop(ProtectiveReason::PositionLimit);
             return;
         }
         self.look_ahead(look_ahead_s);
@@ -197,6 +211,7 @@ impl SimulatedRobot {
             self.take_over();
         }
         self.look_ahead(0.0);
+        self.unreached = false;
         self.motion = motion(&self.target);
     }
 
@@ -205,20 +220,37 @@ impl SimulatedRobot {
         self.sound.set_look_ahead_s(look_ahead_s);
     }
 
-    /// Brakes; the leading joint with `deceleration` \[rad/s²\], or harder where it brakes harder already.
+    /// Brakes; the leading joint with `deceleration` \[rad/s²\], or harder where it brakes harder already or
+    /// where a joint would leave its range.
     pub fn brake(&mut self, deceleration: f64) {
-        let deceleration = deceleration.clamp(0.01, 40.0);
-        match &mut self.motion {
-            RobotMotion::Rest => {}
-            RobotMotion::Brake { deceleration: running } => *running = running.max(deceleration),
-            _ => self.plan(|_| RobotMotion::Brake { deceleration }),
+        let asked = deceleration.clamp(0.01, ACCELERATION_LIMIT_RADPS2);
+        if matches!(self.motion, RobotMotion::Rest) {
+            return;
         }
+        if !matches!(self.motion, RobotMotion::Brake { .. }) {
+            // A path that asks for more than the arm can do is not where the arm is: it brakes from there.
+            if self.is_behind() {
+                self.take_over();
+            }
+            self.plan(|_| RobotMotion::Brake { deceleration: asked });
+        }
+        let needed = needed_to_stay(&self.target, self.dt());
+        if let RobotMotion::Brake { deceleration } = &mut self.motion {
+            *deceleration = deceleration.max(asked).max(needed);
+        }
+    }
+
+    fn is_behind(&self) -> bool {
+        let servo = self.arm.servo();
+        self.target.q.iter().zip(servo.q).any(|(led, is)| !((led - is).abs() <= BEHIND_RAD))
     }
 
     /// What the joints are sent to begins where the servo is: what it had not come to is forgotten.
     fn take_over(&mut self) {
         let servo = self.arm.servo();
         self.target = JointPoint { q: servo.q, qd: servo.qd };
+        self.arm.forget_targets();
+        self.sound.forget_targets();
     }
 
     pub fn protective_stop(&mut self, why: ProtectiveReason) {
@@ -307,7 +339,16 @@ impl SimulatedRobot {
         let servo = matches!(self.motion, RobotMotion::Servo { .. });
         let scaling = if servo { self.speed_scaling } else { 1.0 };
         let before = self.target;
-        if self.motion.step(&mut self.target, dt, self.speed_scaling) {
+        let straight = matches!(self.motion, RobotMotion::Straight { .. });
+        let mut over = self.motion.step(&mut self.target, dt, self.speed_scaling);
+        if straight && !matches!(self.motion, RobotMotion::Straight { .. }) {
+            self.unreached = true;
+        } else if straight && jumped(&before.q, &self.target.q, MOST_STEP_RADPS * dt) {
+            self.target = before;
+            self.protective_stop(ProtectiveReason::SuddenChange);
+            over = self.motion.step(&mut self.target, dt, self.speed_scaling);
+        }
+        if over {
             self.motion = RobotMotion::Rest;
         }
         let accelerations = self.target.qd.iter().zip(before.qd).map(|(after, before)| (after - before) / dt);
@@ -341,10 +382,55 @@ impl SimulatedRobot {
             off(&self.sound.joints().q, MOST_DEVIATION_RAD) || scaling >= 1.0 && off(&self.target.q, behind);
         if deviates {
             self.protective_stop(ProtectiveReason::Deviation);
-        } else if q.iter().any(|q| !(q.abs() <= POSITION_LIMIT_RAD)) {
+        } else if self.leaves_range() {
             self.protective_stop(ProtectiveReason::PositionLimit);
         }
     }
+
+    /// Whether a joint goes on outside its range, or would not stay inside if it were not braked now. Where
+    /// it stands outside, it may come back.
+    fn leaves_range(&self) -> bool {
+        let actual = self.actual();
+        let outside = |(q, qd): (&f64, &f64)| {
+            !q.is_finite() || q.abs() > POSITION_LIMIT_RAD && q * qd > 0.0 && qd.abs() > CREEPS_RADPS
+        };
+        // The end of a line was looked at when it began, and it brakes by itself.
+        let ends = !matches!(
+            self.motion,
+            RobotMotion::Speed { .. } | RobotMotion::Straight { .. } | RobotMotion::Servo { .. }
+        );
+        let servo = self.arm.servo();
+        let too_late = |(q, qd): (&f64, &f64)| {
+            let stands = q + 2.0 * qd * self.dt() + 0.5 * qd * qd.abs() / ACCELERATION_LIMIT_RADPS2;
+            stands.abs() > POSITION_LIMIT_RAD && stands * qd > 0.0 && q.abs() <= POSITION_LIMIT_RAD
+        };
+        actual.q.iter().zip(&actual.qd).any(outside) || !ends && servo.q.iter().zip(&servo.qd).any(too_late)
+    }
+}
+
+/// Whether a joint is farther than `most` \[rad\] from where it was; also where it is no number.
+fn jumped(from: &[f64; 6], to: &[f64; 6], most: f64) -> bool {
+    from.iter().zip(to).any(|(from, to)| !((to - from).abs() <= most))
+}
+
+/// Whether all joints are inside their range.
+#[must_use]
+pub fn within_limits(q: &[f64; 6]) -> bool {
+    q.iter().all(|q| q.abs() <= POSITION_LIMIT_RAD)
+}
+
+/// The deceleration of the leading joint with which all joints, braking together, rest inside their range
+/// \[rad/s²\]; at most what the arm can do.
+fn needed_to_stay(point: &JointPoint, dt: f64) -> f64 {
+    let fastest = point.qd.iter().fold(0.0, |most, qd| f64::max(most, qd.abs()));
+    let joints = point.q.iter().zip(point.qd);
+    joints.fold(0.0, |needed, (q, qd)| {
+        // Braking begins with the next cycle.
+        let room = POSITION_LIMIT_RAD - q * qd.signum() - qd.abs() * dt;
+        // A joint that is outside already has no room to be kept to.
+        let wanted = if room > 0.0 { 0.5 * fastest * qd.abs() / room } else { 0.0 };
+        f64::max(needed, wanted.min(ACCELERATION_LIMIT_RADPS2))
+    })
 }
 
 #[cfg(test)]

@@ -3,29 +3,34 @@
 //! Contract: total; what it makes of a package depends on the connection's own state and the inputs others
 //! own.
 
+use std::collections::HashMap;
+
 use super::inputs::{Denied, InputVariables, Owner};
 use super::options::ControllerOptions;
 use super::outputs::OutputSource;
 use super::world::World;
 use foretrace_ur::primary::MessageContent;
-use foretrace_ur::rtde::frames::RtdeWireError;
+use foretrace_ur::rtde::frames::{HEADER, LARGEST, RtdeWireError};
 use foretrace_ur::rtde::recipe::RtdeRecipe;
-use foretrace_ur::rtde::value::FieldType;
+use foretrace_ur::rtde::value::{FieldType, RtdeValue};
 use foretrace_ur::rtde::wire::{
     ControllerVersion, FieldAnswer, ProtocolVersion, RtdeMessage, RtdeReply, RtdeRequest,
 };
 
-/// Longest list of names \[bytes\].
-const LONGEST_NAMES: usize = 2048;
 /// Recipes of inputs: what their number can say.
 const MOST_RECIPES: usize = 255;
+/// Fields of a recipe: an answer has at least five bytes for each.
+const MOST_FIELDS: usize = LARGEST / 5;
 /// Longest message that is kept \[bytes\].
 const LONGEST_MESSAGE: usize = 255;
 
 /// What a connection wants to be sent.
 #[derive(Debug, Default)]
 pub struct OutputFeed {
+    /// What is read for a package, each once.
     sources: Vec<OutputSource>,
+    /// Which of them each field is: a client may ask for one a thousand times.
+    fields: Vec<usize>,
     /// Times a second; `None` where it was never set up.
     frequency_hz: Option<f64>,
     started: bool,
@@ -74,7 +79,10 @@ impl RtdeSession {
             return None;
         }
         let mut fields = Vec::new();
-        self.feed.sources.iter().for_each(|source| source.read(world).put(&mut fields));
+        let values: Vec<RtdeValue> = self.feed.sources.iter().map(|source| source.read(world)).collect();
+        for value in self.feed.fields.iter().filter_map(|field| values.get(*field)) {
+            value.put(&mut fields);
+        }
         let recipe = (self.version == ProtocolVersion::V2).then_some(1);
         RtdeReply::Data { recipe, fields }.encode(self.version).ok()
     }
@@ -123,52 +131,67 @@ impl RtdeSession {
         }
     }
 
-    fn version(&self) -> (u32, u32) {
-        (self.software.major, self.software.minor)
+    const fn version(&self) -> (u32, u32, u32) {
+        (self.software.major, self.software.minor, self.software.bugfix)
     }
 
+    /// A recipe with a field that is not there is none, but says of each field what it is. A rate that the
+    /// series does not do, or more than a package holds, is refused as a whole.
     fn outputs(&mut self, frequency: Option<f64>, names: &[String]) -> Vec<RtdeReply> {
-        self.feed.started = false;
-        self.feed.frequency_hz = None;
-        self.feed.sources.clear();
+        self.feed = OutputFeed { rate_hz: self.feed.rate_hz, ..OutputFeed::default() };
         let second = self.version == ProtocolVersion::V2;
-        if bytes(names) > LONGEST_NAMES {
-            let refused = RtdeReply::Outputs { recipe: second.then_some(0), answers: Vec::new() };
-            return vec![self.complaint("the list of names is too long".to_owned()), refused];
-        }
+        let refused = |session: &Self, why: String| {
+            let none = RtdeReply::Outputs { recipe: second.then_some(0), answers: Vec::new() };
+            vec![session.complaint(why), none]
+        };
         let rate = self.feed.rate_hz;
         let frequency = frequency.unwrap_or(rate);
+        if !(frequency > 0.0 && frequency <= rate) {
+            return refused(self, format!("{frequency} Hz is not above 0 and at most {rate}"));
+        }
+        if names.len() > MOST_FIELDS {
+            return refused(self, format!("more than {MOST_FIELDS} fields"));
+        }
         let sources: Vec<Option<(OutputSource, FieldType)>> =
             names.iter().map(|name| OutputSource::of(name, self.version())).collect();
         let answers: Vec<FieldAnswer> = sources
             .iter()
             .map(|source| source.as_ref().map_or(FieldAnswer::NotFound, |(_, kind)| FieldAnswer::Type(*kind)))
             .collect();
-        let whole: Option<Vec<OutputSource>> =
-            sources.into_iter().map(|source| source.map(|(s, _)| s)).collect();
-        let possible = frequency > 0.0 && frequency <= rate;
-        let mut replies = Vec::new();
-        if !possible {
-            replies.push(self.complaint(format!("{frequency} Hz is not above 0 and at most {rate}")));
+        let bytes: usize = sources.iter().flatten().map(|(_, kind)| kind.size()).sum();
+        if !fits(&answers) || bytes + HEADER + 1 > LARGEST {
+            return refused(self, format!("the answer or the package has more than {LARGEST} bytes"));
         }
         let mut id = 0;
-        if let Some(sources) = whole.filter(|sources| possible && !sources.is_empty()) {
-            self.feed.sources = sources;
+        if !sources.is_empty() && sources.iter().all(Option::is_some) {
+            let mut known: HashMap<&str, usize> = HashMap::new();
+            for (name, (source, _)) in names.iter().zip(sources.into_iter().flatten()) {
+                let next = self.feed.sources.len();
+                let field = *known.entry(name).or_insert(next);
+                if field == next {
+                    self.feed.sources.push(source);
+                }
+                self.feed.fields.push(field);
+            }
             self.feed.frequency_hz = Some(frequency);
             id = 1;
         }
-        replies.push(RtdeReply::Outputs { recipe: second.then_some(id), answers });
-        replies
+        vec![RtdeReply::Outputs { recipe: second.then_some(id), answers }]
     }
 
     fn inputs(&mut self, names: &[String], inputs: &mut InputVariables) -> Vec<RtdeReply> {
-        if bytes(names) > LONGEST_NAMES || self.recipes.len() >= MOST_RECIPES {
-            let refused = RtdeReply::Inputs { recipe: 0, answers: Vec::new() };
-            return vec![self.complaint("too many names or recipes".to_owned()), refused];
+        let refused = |why: &str| {
+            vec![self.complaint(why.to_owned()), RtdeReply::Inputs { recipe: 0, answers: Vec::new() }]
+        };
+        if self.recipes.len() >= MOST_RECIPES {
+            return refused("a connection has at most 255 recipes");
+        }
+        if names.len() > MOST_FIELDS {
+            return refused("more fields than an answer holds");
         }
         let found: Vec<Result<(usize, FieldType), Denied>> =
             names.iter().map(|name| inputs.free(name, self.owner)).collect();
-        let answers = found
+        let answers: Vec<FieldAnswer> = found
             .iter()
             .map(|found| match found {
                 Ok((_, kind)) => FieldAnswer::Type(*kind),
@@ -176,6 +199,9 @@ impl RtdeSession {
                 Err(Denied::InUse) => FieldAnswer::InUse,
             })
             .collect();
+        if !fits(&answers) {
+            return refused("the answer is longer than a package");
+        }
         let mut id = 0;
         let whole = found.into_iter().collect::<Result<Vec<_>, _>>().ok().filter(|whole| !whole.is_empty());
         if let Some(whole) = whole {
@@ -209,6 +235,8 @@ impl RtdeSession {
     }
 }
 
-fn bytes(names: &[String]) -> usize {
-    names.iter().map(|name| name.len() + 1).sum()
+/// Whether an answer with these words fits into a package, with a recipe's number and commas between them.
+fn fits(answers: &[FieldAnswer]) -> bool {
+    let words: usize = answers.iter().map(|answer| answer.word().len() + 1).sum();
+    words + HEADER + 1 <= LARGEST
 }

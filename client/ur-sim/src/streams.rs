@@ -1,10 +1,10 @@
 //! What ports 30001, 30002 and 30003 send: states and messages, and the fixed record of the real-time
 //! interface.
 
-use super::kinematics::{ArmDh, nominal};
+use super::kinematics::{ArmDh, POSITION_LIMIT_RAD, nominal};
 use super::options::Series;
 use super::outputs::joint_mode;
-use super::robot::{POSITION_LIMIT_RAD, SPEED_LIMIT_RADPS};
+use super::robot::SPEED_LIMIT_RADPS;
 use super::world::{Runtime, World};
 use foretrace_ur::primary::{
     CartesianInfo, ConfigurationData, JointData, KinematicsInfo, MasterboardData, MessageContent, OneJoint,
@@ -85,7 +85,11 @@ pub fn state(world: &World) -> Vec<u8> {
         analog_output: robot.analog_outputs,
         safety_mode: u8::try_from(safety.number()).unwrap_or(11),
     };
-    let tool = ToolData { analog_input: [0.0; 2], output_voltage: 0, mode: joint_mode(world) };
+    let tool = ToolData {
+        analog_input: [0.0; 2],
+        output_voltage: u8::try_from(robot.setup.tool_voltage).unwrap_or(0),
+        mode: joint_mode(world),
+    };
     let cartesian = CartesianInfo { pose: robot.tcp_pose(&actual.q), tcp_offset: robot.tcp_offset };
     let parts = vec![
         SubPackage::RobotMode(mode),

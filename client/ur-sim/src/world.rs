@@ -10,9 +10,10 @@ use super::motion::RobotMotion;
 use super::options::ControllerOptions;
 use super::robot::SimulatedRobot;
 use super::safety::{ProtectiveReason, RobotMode};
-use crate::script::{Program, Progress, ScriptError, ScriptRun, ThreadId};
+use super::sockets::ProgramSockets;
+use super::statements::InterpreterDesk;
+use crate::script::{Interpreted, Program, Progress, ScriptError, ScriptRun, Statements, ThreadId};
 use foretrace_ur::primary::MessageContent;
-use foretrace_ur::rtde::RtdeValue;
 
 /// Longest name of a program that is kept \[characters\].
 const LONGEST_NAME: usize = 100;
@@ -52,6 +53,10 @@ pub struct World {
     pub registers: Registers,
     /// In remote control: scripts and dashboard commands that move the robot are taken.
     pub remote: bool,
+    /// Of a CB3's pendant, as the dashboard set it.
+    pub user_role: &'static str,
+    /// Of an e-Series, as the dashboard set it.
+    pub operational_mode: &'static str,
     /// Messages that wait for ports 30001 and 30002.
     pub messages: VecDeque<MessageContent>,
     program: Option<Running>,
@@ -61,10 +66,15 @@ pub struct World {
     retired: Option<Program>,
     /// What has come and was not looked at yet.
     arrivals: VecDeque<Arrival>,
+    /// Lines of port 30020 that wait.
+    pub(super) interpreter: InterpreterDesk,
     watchdogs: Vec<Watchdog>,
     waits: BTreeMap<ThreadId, u64>,
+    sockets: ProgramSockets,
     mover: Option<ThreadId>,
     reported: Option<ProtectiveReason>,
+    /// In which cycle a program ended last.
+    ended: Option<u64>,
 }
 
 impl World {
@@ -74,18 +84,23 @@ impl World {
         let version = options.version;
         Self {
             robot: SimulatedRobot::new(options),
-            inputs: InputVariables::new((version.major, version.minor)),
+            inputs: InputVariables::new((version.major, version.minor, version.bugfix)),
             registers: Registers::default(),
             remote: true,
+            user_role: "programmer",
+            operational_mode: "NONE",
             messages: VecDeque::new(),
             program: None,
             loaded: None,
             retired: None,
             arrivals: VecDeque::new(),
+            interpreter: InterpreterDesk::default(),
             watchdogs: Vec::new(),
             waits: BTreeMap::new(),
+            sockets: ProgramSockets::new(options.any_host),
             mover: None,
             reported: None,
+            ended: None,
         }
     }
 
@@ -135,6 +150,19 @@ impl World {
         self.say(MessageContent::Key { code: 0, argument: 0, title: title.to_owned(), text: name });
     }
 
+    /// The program that runs.
+    pub(super) fn run(&mut self) -> Option<&mut ScriptRun> {
+        self.program.as_mut().map(|running| &mut running.run)
+    }
+
+    /// Gives the running program statements for interpreter mode.
+    pub(super) fn take_statements(&mut self, statements: &Statements) -> Interpreted {
+        let Some(mut running) = self.program.take() else { return Interpreted::Later };
+        let taken = self.lend(|hands| running.run.interpret(statements, hands));
+        self.program = Some(running);
+        taken
+    }
+
     /// Lends the robot to a program.
     fn lend<T>(&mut self, program: impl FnOnce(&mut Hands<'_>) -> T) -> T {
         let mut hands = Hands {
@@ -145,6 +173,7 @@ impl World {
             waits: &mut self.waits,
             mover: &mut self.mover,
             messages: &mut self.messages,
+            sockets: &mut self.sockets,
             spent: 0,
         };
         program(&mut hands)
@@ -192,8 +221,17 @@ impl World {
             Arrival::Script(Ok(program)) => {
                 let name = if program.name().is_empty() { "script" } else { program.name() };
                 let name = name.chars().take(LONGEST_NAME).collect();
-                self.retired = self.loaded.replace((program, name)).map(|(program, _)| program);
-                self.start();
+                // One that is refused leaves what runs alone, and what was loaded.
+                match self.lend(|hands| ScriptRun::new(&program, hands)) {
+                    Err(error) => {
+                        self.fail(error);
+                        self.retired = Some(program);
+                    }
+                    Ok(_) => {
+                        self.retired = self.loaded.replace((program, name)).map(|(program, _)| program);
+                        self.start();
+                    }
+                }
             }
         }
     }
@@ -261,9 +299,23 @@ impl World {
         }
     }
 
+    /// Stops the program, and whatever clients have sent that has not begun. Whether there was one: PolyScope
+    /// sees the end of a program a moment later, so one that ended just now counts.
+    pub fn stop_all(&mut self) -> bool {
+        let just_ended = self.ended.is_some_and(|ended| {
+            self.robot.cycle.saturating_sub(ended) * 2 < u64::from(self.robot.options.series.rate_hz())
+        });
+        let there = self.program.is_some() || just_ended || !self.arrivals.is_empty();
+        self.arrivals.clear();
+        self.stop();
+        there
+    }
+
     fn over(&mut self, name: String) {
+        self.ended = Some(self.robot.cycle);
         self.watchdogs.clear();
         self.waits.clear();
+        self.sockets.close_all();
         self.robot.paused = false;
         self.robot.brake(4.0);
         self.say_of_program("PROGRAM_XXX_STOPPED", name);
@@ -316,40 +368,6 @@ impl World {
         true
     }
 
-    /// Does what the input `name` asks for, if it is not a register: the slider, digital and analog outputs,
-    /// where their mask says so.
-    pub fn apply_input(&mut self, name: &str) {
-        let inputs = &self.inputs;
-        let word = |name: &str| inputs.value(name).and_then(RtdeValue::uint8).unwrap_or(0);
-        let number = |name: &str| inputs.value(name).and_then(RtdeValue::double).unwrap_or(0.0);
-        if name.starts_with("speed_slider") {
-            let mask = inputs.value("speed_slider_mask").and_then(RtdeValue::uint32).unwrap_or(0);
-            let fraction = number("speed_slider_fraction");
-            if mask & 1 == 1 && fraction.is_finite() {
-                self.robot.slider = fraction.clamp(0.0, 1.0);
-            }
-        }
-        for (group, shift) in [("standard_digital", 0), ("configurable_digital", 8), ("tool_digital", 16)] {
-            if name.starts_with(group) {
-                let bits = u64::from(word(&format!("{group}_output"))) << shift;
-                let mask = u64::from(word(&format!("{group}_output_mask"))) << shift;
-                let outputs = &mut self.robot.digital_outputs;
-                *outputs = *outputs & !mask | bits & mask;
-            }
-        }
-        if name.starts_with("standard_analog") {
-            let (mask, kind) = (word("standard_analog_output_mask"), word("standard_analog_output_type"));
-            for (index, output) in self.robot.analog_outputs.iter_mut().enumerate() {
-                let share = number(&format!("standard_analog_output_{index}"));
-                if mask >> index & 1 == 1 && share.is_finite() {
-                    let share = share.clamp(0.0, 1.0);
-                    // 1 is a voltage, 0 a current.
-                    *output = if kind >> index & 1 == 1 { 10.0 * share } else { 0.004 + 0.016 * share };
-                }
-            }
-        }
-    }
-
     pub fn cycle(&mut self) {
         // A program takes its time to begin, or to run beside; lines and errors take none.
         while let Some(arrival) = self.arrivals.pop_front() {
@@ -372,6 +390,8 @@ impl World {
                 }
             }
         }
+        self.begin_interpreting();
+        self.sockets.flush();
         self.robot.step();
         self.react();
     }

@@ -299,9 +299,15 @@ impl ArmModel {
     /// targets that the servo had not come to are forgotten: it goes on from where it is.
     pub fn set_look_ahead_s(&mut self, look_ahead_s: f64) {
         if look_ahead_s <= 0.0 && self.settings.look_ahead_s > 0.0 {
-            self.previous_target = self.servo.map(|servo| servo.q);
+            self.forget_targets();
         }
         self.settings.look_ahead_s = look_ahead_s;
+    }
+
+    /// Forgets the targets that the servo had not come to: it goes on from where it is, at its speed, to the
+    /// next one.
+    pub fn forget_targets(&mut self) {
+        self.previous_target = self.servo.map(|servo| servo.q);
     }
 
     /// Where the servo is, which the joint loop follows \[rad\], \[rad/s\].

@@ -50,6 +50,10 @@ pub(super) fn unary(operator: Unary, value: &Value) -> Result<Value, String> {
 
 /// A condition's truth. Numbers are none: a controller refuses them too.
 pub(super) fn truth(value: &Value) -> Result<bool, String> {
+    // The manual asks so whether a socket gave a string.
+    if let Value::Text(text) = value {
+        return Ok(!text.is_empty());
+    }
     value.as_bool().ok_or_else(|| format!("a truth value wanted, not {}", value.kind()))
 }
 

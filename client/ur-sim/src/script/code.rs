@@ -3,6 +3,7 @@
 use super::error::ScriptPosition;
 use super::tree::{Binary, Function, Sort, Unary};
 use super::value::Value;
+use std::collections::HashMap;
 
 /// Where a variable is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -47,10 +48,14 @@ pub(super) enum Op {
     Halt,
     EnterCritical,
     ExitCritical,
+    /// Waits for statements and runs them; takes the arguments of `interpreter_mode` when it begins.
+    Interpret(u32),
+    EndInterpreter,
+    ClearInterpreter,
 }
 
 /// A call, made ready.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct PreparedCall {
     /// A function's number, an own function's number, or an index into [`Program::foreign`].
     pub(super) target: u32,
@@ -61,24 +66,42 @@ pub(super) struct PreparedCall {
     pub(super) arguments: usize,
 }
 
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct CompiledFunction {
     pub(super) name: String,
     pub(super) sort: Sort,
     pub(super) entry: usize,
     /// Names of its variables, parameters first.
     pub(super) variables: Vec<String>,
+    /// The parameters' names, and whether they have a default.
+    pub(super) parameters: Vec<(String, bool)>,
+    /// The function around it.
+    pub(super) parent: Option<usize>,
+    /// Functions that stand in it.
+    pub(super) functions: HashMap<String, usize>,
 }
 
 impl CompiledFunction {
     /// Of a function that is not compiled yet.
-    pub(super) fn new(function: &Function) -> Self {
-        Self { name: function.name.clone(), sort: function.sort, entry: 0, variables: Vec::new() }
+    pub(super) fn new(function: &Function, parent: Option<usize>) -> Self {
+        Self {
+            name: function.name.clone(),
+            sort: function.sort,
+            entry: 0,
+            variables: Vec::new(),
+            parameters: function
+                .parameters
+                .iter()
+                .map(|(name, usual)| (name.clone(), usual.is_some()))
+                .collect(),
+            parent,
+            functions: HashMap::new(),
+        }
     }
 }
 
 /// A program ready to run.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub(super) struct Code {
     pub(super) ops: Vec<Op>,
     /// The position of each instruction.
@@ -91,4 +114,38 @@ pub(super) struct Code {
     pub(super) bodies: Vec<CompiledFunction>,
     /// Names of the globals.
     pub(super) globals: Vec<String>,
+}
+
+/// How long a program's lists were: what came later can be taken off again.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct CodeMark([usize; 5]);
+
+impl Code {
+    pub(super) fn mark(&self) -> CodeMark {
+        let Self { ops, constants, asked, foreign, bodies, .. } = self;
+        CodeMark([ops.len(), constants.len(), asked.len(), foreign.len(), bodies.len()])
+    }
+
+    /// The functions of the machine that are wanted since the mark.
+    pub(super) fn foreign_since(
+        &self,
+        CodeMark([_, _, _, foreign, _]): CodeMark,
+    ) -> impl Iterator<Item = &(String, ScriptPosition)> {
+        self.foreign.iter().skip(foreign)
+    }
+
+    /// Whether there are more than `most` instructions or functions since the mark.
+    pub(super) fn longer_than(&self, CodeMark([ops, _, _, _, bodies]): CodeMark, most: usize) -> bool {
+        self.ops.len().saturating_sub(ops) > most || self.bodies.len().saturating_sub(bodies) > most
+    }
+
+    /// Takes off what came after the mark.
+    pub(super) fn cut(&mut self, CodeMark([ops, constants, asked, foreign, bodies]): CodeMark) {
+        self.ops.truncate(ops);
+        self.positions.truncate(ops);
+        self.constants.truncate(constants);
+        self.asked.truncate(asked);
+        self.foreign.truncate(foreign);
+        self.bodies.truncate(bodies);
+    }
 }

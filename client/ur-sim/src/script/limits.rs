@@ -40,3 +40,9 @@ pub(super) const PRODUCT: usize = 32_768;
 pub(super) const CYCLES_USED_UP: u32 = 100;
 /// Values that one thread's unfinished expressions hold.
 pub(super) const STACK: usize = 16_384;
+/// Instructions of all statements that interpreter mode has taken and not cleared.
+pub(super) const INTERPRETED: usize = 200_000;
+/// Statements of interpreter mode that wait to run.
+pub(super) const STATEMENTS: usize = 2_000;
+/// Length of one line of statements \[bytes\].
+pub(super) const STATEMENT_BYTES: usize = 64 * 1024;

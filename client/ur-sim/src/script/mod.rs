@@ -25,7 +25,7 @@ mod uploads;
 
 pub use error::{ScriptError, ScriptPosition};
 pub use machine::{Arguments, Called, Machine, MachineCall, ThreadId};
-pub use program::Program;
-pub use run::{Progress, ScriptRun};
+pub use program::{Program, Statements};
+pub use run::{Interpreted, InterpreterState, Progress, ScriptRun};
 pub use uploads::{TooLong, Uploads};
 pub use value::{List, Value};

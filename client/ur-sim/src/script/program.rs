@@ -2,7 +2,8 @@
 
 use super::code::Code;
 use super::error::{ScriptError, ScriptPosition};
-use super::tree::Sort;
+use super::limits;
+use super::tree::{Do, Give, ScriptStatement, Sort};
 use super::{compiler, parser};
 use std::sync::Arc;
 
@@ -39,5 +40,40 @@ impl Program {
     /// The functions that it wants of a machine, each with the position of its first call.
     pub fn wanted(&self) -> impl Iterator<Item = (&str, ScriptPosition)> {
         self.code.foreign.iter().map(|(name, position)| (name.as_str(), *position))
+    }
+}
+
+/// A line of statements for a program in interpreter mode.
+#[derive(Debug)]
+pub struct Statements {
+    items: Vec<ScriptStatement>,
+    clears: bool,
+}
+
+impl Statements {
+    /// Reads one line of statements.
+    ///
+    /// # Errors
+    /// The first thing that is not URScript, or the line is too long.
+    pub fn parse(text: &str) -> Result<Self, ScriptError> {
+        if text.len() > limits::STATEMENT_BYTES {
+            let start = ScriptPosition { line: 1, column: 1 };
+            return Err(ScriptError::more_than(start, limits::STATEMENT_BYTES, "bytes in a line"));
+        }
+        let items = parser::statements(text)?;
+        let clear = |statement: &ScriptStatement| {
+            let Do::Evaluate(expression) = &statement.what else { return false };
+            matches!(&expression.what, Give::Call(asked) if asked.name == "clear_interpreter")
+        };
+        Ok(Self { clears: items.iter().any(clear), items })
+    }
+
+    pub(super) fn items(&self) -> &[ScriptStatement] {
+        &self.items
+    }
+
+    /// It has a `clear_interpreter`, after which nothing that was taken is left.
+    pub(super) const fn clears(&self) -> bool {
+        self.clears
     }
 }

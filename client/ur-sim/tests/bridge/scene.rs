@@ -184,8 +184,12 @@ impl Scene {
 
     fn package(&self) -> Package {
         let version = usual_version(self.series);
-        let read =
-            |name: &str| OutputSource::of(name, (version.major, version.minor)).unwrap().0.read(&self.world);
+        let read = |name: &str| {
+            OutputSource::of(name, (version.major, version.minor, version.bugfix))
+                .unwrap()
+                .0
+                .read(&self.world)
+        };
         let int = |name: &str| read(name).int32().unwrap();
         let six = |name: &str| read(name).vector6d().unwrap();
         let one = |name: &str| read(name).double().unwrap();

@@ -4,15 +4,28 @@
 
 use super::value::FieldType::{self, *};
 
-/// A version as far as fields depend on it: major 3 is CB3, 5 and above e-Series.
-pub type MajorMinor = (u32, u32);
+/// A version as far as fields depend on it, major, minor, bugfix: major 3 is CB3, 5 and above e-Series.
+pub type FieldVersion = (u32, u32, u32);
+
+/// Minor version and bugfix, since which there is a field.
+type Since = (u32, u32);
 
 /// Since the first version with RTDE.
-const ALWAYS: [u32; 2] = [0, 0];
-const NEVER: u32 = u32::MAX;
+const ALWAYS: [Since; 2] = since(0, 0);
+const NEVER: Since = (u32::MAX, 0);
 
-/// Name, type, least minor version of 3.x and of 5.x.
-type FieldRow = (&'static str, FieldType, [u32; 2]);
+/// Since these minor versions of 3.x and of 5.x.
+const fn since(cb3: u32, e: u32) -> [Since; 2] {
+    [(cb3, 0), (e, 0)]
+}
+
+/// Since this minor version of 5.x, and never in 3.x.
+const fn e_since(minor: u32) -> [Since; 2] {
+    [NEVER, (minor, 0)]
+}
+
+/// Name, type, least version of 3.x and of 5.x.
+type FieldRow = (&'static str, FieldType, [Since; 2]);
 
 pub const OUTPUTS: &[FieldRow] = &[
     ("timestamp", Double, ALWAYS),
@@ -37,7 +50,7 @@ pub const OUTPUTS: &[FieldRow] = &[
     ("robot_mode", Int32, ALWAYS),
     ("joint_mode", Vector6Int32, ALWAYS),
     ("safety_mode", Int32, ALWAYS),
-    ("safety_status", Int32, [10, 4]),
+    ("safety_status", Int32, since(10, 4)),
     ("actual_tool_accelerometer", Vector3d, ALWAYS),
     ("speed_scaling", Double, ALWAYS),
     ("target_speed_fraction", Double, ALWAYS),
@@ -48,8 +61,8 @@ pub const OUTPUTS: &[FieldRow] = &[
     ("actual_joint_voltage", Vector6d, ALWAYS),
     ("actual_digital_output_bits", Uint64, ALWAYS),
     ("runtime_state", Uint32, ALWAYS),
-    ("elbow_position", Vector3d, [5, 0]),
-    ("elbow_velocity", Vector3d, [5, 0]),
+    ("elbow_position", Vector3d, since(5, 0)),
+    ("elbow_velocity", Vector3d, since(5, 0)),
     ("robot_status_bits", Uint32, ALWAYS),
     ("safety_status_bits", Uint32, ALWAYS),
     ("analog_io_types", Uint32, ALWAYS),
@@ -63,7 +76,7 @@ pub const OUTPUTS: &[FieldRow] = &[
     ("euromap67_24V_voltage", Double, ALWAYS),
     ("euromap67_24V_current", Double, ALWAYS),
     ("tool_mode", Uint32, ALWAYS),
-    ("tool_output_mode", Uint8, [NEVER, 0]),
+    ("tool_output_mode", Uint8, e_since(0)),
     ("tool_analog_input_types", Uint32, ALWAYS),
     ("tool_analog_input0", Double, ALWAYS),
     ("tool_analog_input1", Double, ALWAYS),
@@ -72,19 +85,19 @@ pub const OUTPUTS: &[FieldRow] = &[
     ("tool_temperature", Double, ALWAYS),
     ("tcp_force_scalar", Double, ALWAYS),
     ("joint_position_deviation_ratio", Double, ALWAYS),
-    ("collision_detection_ratio", Double, [15, 10]),
-    ("time_scale_source", Int32, [NEVER, 17]),
-    ("tcp_offset", Vector6d, [NEVER, 16]),
+    ("collision_detection_ratio", Double, since(15, 10)),
+    ("time_scale_source", Int32, e_since(17)),
+    ("tcp_offset", Vector6d, [(12, 0), (5, 1)]),
     ("script_control_line", Uint32, ALWAYS),
-    ("payload", Double, [11, 5]),
-    ("payload_cog", Vector3d, [11, 5]),
-    ("payload_inertia", Vector6d, [15, 11]),
-    ("ft_raw_wrench", Vector6d, [NEVER, 9]),
-    ("actual_current_as_torque", Vector6d, [NEVER, 23]),
+    ("payload", Double, [(11, 0), (5, 1)]),
+    ("payload_cog", Vector3d, [(11, 0), (5, 1)]),
+    ("payload_inertia", Vector6d, since(15, 11)),
+    ("ft_raw_wrench", Vector6d, e_since(9)),
+    ("actual_current_as_torque", Vector6d, e_since(23)),
     ("output_bit_registers0_to_31", Uint32, ALWAYS),
     ("output_bit_registers32_to_63", Uint32, ALWAYS),
-    ("input_bit_registers0_to_31", Uint32, [4, 0]),
-    ("input_bit_registers32_to_63", Uint32, [4, 0]),
+    ("input_bit_registers0_to_31", Uint32, since(4, 0)),
+    ("input_bit_registers32_to_63", Uint32, since(4, 0)),
 ];
 
 pub const INPUTS: &[FieldRow] = &[
@@ -100,7 +113,7 @@ pub const INPUTS: &[FieldRow] = &[
     ("standard_analog_output_type", Uint8, ALWAYS),
     ("standard_analog_output_0", Double, ALWAYS),
     ("standard_analog_output_1", Double, ALWAYS),
-    ("external_force_torque", Vector6d, [3, 0]),
+    ("external_force_torque", Vector6d, since(3, 0)),
     ("input_bit_registers0_to_31", Uint32, ALWAYS),
     ("input_bit_registers32_to_63", Uint32, ALWAYS),
 ];
@@ -135,35 +148,35 @@ impl Register {
     }
 
     /// Upper registers (24 to 47) came with 3.9 and 5.3, single bits too.
-    const fn least(self) -> [u32; 2] {
-        if matches!(self.kind, Bool) || self.number >= 24 { [9, 3] } else { [4, 0] }
+    const fn least(self) -> [Since; 2] {
+        if matches!(self.kind, Bool) || self.number >= 24 { since(9, 3) } else { since(4, 0) }
     }
 }
 
-fn exists(least: [u32; 2], (major, minor): MajorMinor) -> bool {
+fn exists(least: [Since; 2], (major, minor, bugfix): FieldVersion) -> bool {
     let [cb3, e] = least;
     match major {
         0..=2 => false,
-        3 => minor >= cb3,
-        5 => minor >= e,
+        3 => (minor, bugfix) >= cb3,
+        5 => (minor, bugfix) >= e,
         _ => true,
     }
 }
 
-fn look_up(table: &[FieldRow], name: &str, version: MajorMinor) -> Option<FieldType> {
+fn look_up(table: &[FieldRow], name: &str, version: FieldVersion) -> Option<FieldType> {
     table.iter().find(|(known, _, least)| *known == name && exists(*least, version)).map(|(_, kind, _)| *kind)
 }
 
 /// Type of an output of a controller of this version; input registers can be read as outputs too.
 #[must_use]
-pub fn output(name: &str, version: MajorMinor) -> Option<FieldType> {
+pub fn output(name: &str, version: FieldVersion) -> Option<FieldType> {
     let register = || Register::from_name(name).filter(|r| exists(r.least(), version)).map(|r| r.kind);
     look_up(OUTPUTS, name, version).or_else(register)
 }
 
 /// Type of an input of a controller of this version.
 #[must_use]
-pub fn input(name: &str, version: MajorMinor) -> Option<FieldType> {
+pub fn input(name: &str, version: FieldVersion) -> Option<FieldType> {
     let register =
         || Register::from_name(name).filter(|r| r.input && exists(r.least(), version)).map(|r| r.kind);
     look_up(INPUTS, name, version).or_else(register)
@@ -175,24 +188,28 @@ mod tests {
 
     #[test]
     fn names_are_told_apart_by_direction_and_version() {
-        assert_eq!(output("actual_q", (3, 4)), Some(Vector6d));
-        assert_eq!(input("actual_q", (5, 11)), None);
-        assert_eq!(output("ft_raw_wrench", (5, 8)), None);
-        assert_eq!(output("ft_raw_wrench", (5, 9)), Some(Vector6d));
-        assert_eq!(output("ft_raw_wrench", (3, 15)), None);
-        assert_eq!(output("payload_inertia", (3, 15)), Some(Vector6d));
-        assert_eq!(input("speed_slider_mask", (3, 15)), Some(Uint32));
-        assert_eq!(output("speed_slider_mask", (3, 15)), None);
-        assert_eq!(output("", (5, 11)), None);
+        assert_eq!(output("actual_q", (3, 4, 0)), Some(Vector6d));
+        assert_eq!(input("actual_q", (5, 11, 0)), None);
+        assert_eq!(output("ft_raw_wrench", (5, 8, 0)), None);
+        assert_eq!(output("ft_raw_wrench", (5, 9, 0)), Some(Vector6d));
+        assert_eq!(output("ft_raw_wrench", (3, 15, 0)), None);
+        assert_eq!(output("payload_inertia", (3, 15, 0)), Some(Vector6d));
+        assert_eq!(input("speed_slider_mask", (3, 15, 0)), Some(Uint32));
+        assert_eq!(output("speed_slider_mask", (3, 15, 0)), None);
+        assert_eq!(output("", (5, 11, 0)), None);
+        for (version, has) in [((3, 11, 9), false), ((3, 12, 0), true), ((5, 5, 0), false), ((5, 5, 1), true)]
+        {
+            assert_eq!(output("tcp_offset", version), has.then_some(Vector6d), "{version:?}");
+        }
     }
 
     #[test]
     fn registers_are_known_by_one_name_each() {
-        assert_eq!(input("input_int_register_24", (3, 15)), Some(Int32));
-        assert_eq!(input("input_int_register_24", (3, 8)), None);
-        assert_eq!(output("input_double_register_47", (5, 3)), Some(Double));
-        assert_eq!(input("output_double_register_3", (5, 3)), None);
-        assert_eq!(output("output_bit_register_127", (5, 3)), Some(Bool));
+        assert_eq!(input("input_int_register_24", (3, 15, 0)), Some(Int32));
+        assert_eq!(input("input_int_register_24", (3, 8, 0)), None);
+        assert_eq!(output("input_double_register_47", (5, 3, 0)), Some(Double));
+        assert_eq!(input("output_double_register_3", (5, 3, 0)), None);
+        assert_eq!(output("output_bit_register_127", (5, 3, 0)), Some(Bool));
         for wrong in [
             "input_int_register_48",
             "input_int_register_024",

@@ -83,7 +83,9 @@ pub enum FieldAnswer {
 }
 
 impl FieldAnswer {
-    const fn word(self) -> &'static str {
+    /// As a reply has it.
+    #[must_use]
+    pub const fn word(self) -> &'static str {
         match self {
             Self::Type(kind) => kind.word(),
             Self::NotFound => "NOT_FOUND",

@@ -1,8 +1,13 @@
 //! Lists and matrices.
 
+use nalgebra::DMatrix;
+
 use super::super::limits;
 use super::super::value::{List, Value};
-use super::{integer, value};
+use super::{integer, pose, value};
+
+/// Rows of a matrix that is turned around: what takes its time is the cube of them.
+const MOST_ROWS: usize = 16;
 
 /// The elements of the list at `at`; those of a pose too.
 fn items(arguments: &[Value], at: usize) -> Result<Vec<Value>, String> {
@@ -98,4 +103,23 @@ pub(super) fn transpose(arguments: &[Value]) -> Result<Value, String> {
     let column = |at: usize| List::new(rows.iter().filter_map(|row| row.get(at).cloned()).collect());
     let columns = (0..width).map(|at| column(at).map(Value::List)).collect::<Result<_, _>>()?;
     List::new(columns).map(Value::List)
+}
+
+/// The inverse of a square matrix, or of a pose.
+pub(super) fn inv(arguments: &[Value]) -> Result<Value, String> {
+    if let Value::Pose(_) = value(arguments, 0) {
+        return pose::pose_inv(arguments);
+    }
+    let rows: Vec<Vec<f64>> = items(arguments, 0)?
+        .iter()
+        .map(|row| numbers(std::slice::from_ref(row), 0))
+        .collect::<Result<_, _>>()?;
+    let size = rows.len();
+    if size == 0 || size > MOST_ROWS || rows.iter().any(|row| row.len() != size) {
+        return Err(format!("wants a square matrix of at most {MOST_ROWS} rows"));
+    }
+    let matrix = DMatrix::from_row_iterator(size, size, rows.into_iter().flatten());
+    let inverse = matrix.try_inverse().ok_or("has no value there: the matrix is singular")?;
+    let rows = inverse.row_iter().map(|row| Value::floats(&row.iter().copied().collect::<Vec<_>>()));
+    List::new(rows.collect()).map(Value::List)
 }

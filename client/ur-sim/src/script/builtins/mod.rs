@@ -25,7 +25,7 @@ const fn own(
 }
 
 /// In the order of the alphabet, which `find` relies on.
-const OWN: [Own; 39] = [
+const OWN: [Own; 42] = [
     own("acos", &["f"], |given| math::one(given, f64::acos)),
     own("asin", &["f"], |given| math::one(given, f64::asin)),
     own("atan", &["f"], |given| math::one(given, f64::atan)),
@@ -39,13 +39,20 @@ const OWN: [Own; 39] = [
     own("get_list_length", &["v"], lists::length),
     own("integer_to_binary_list", &["x"], lists::integer_to_binary_list),
     own("interpolate_pose", &["p_from", "p_to", "alpha"], pose::interpolate_pose),
+    own("inv", &["m"], lists::inv),
     own("length", &["v"], lists::length),
     own("log", &["b", "f"], |given| math::two(given, |base, of| of.log(base))),
-    own("make_list", &["length", "initial_value"], lists::make_list),
+    Own {
+        name: "make_list",
+        parameters: &["length", "initial_value", "capacity"],
+        required: 2,
+        run: lists::make_list,
+    },
     own("norm", &["a"], lists::norm),
     own("normalize", &["v"], lists::normalize),
     own("point_dist", &["p_from", "p_to"], pose::point_dist),
     own("pose_add", &["p_1", "p_2"], pose::pose_add),
+    own("pose_dist", &["p_from", "p_to"], pose::pose_dist),
     own("pose_inv", &["p_from"], pose::pose_inv),
     own("pose_sub", &["p_to", "p_from"], pose::pose_sub),
     own("pose_trans", &["p_from", "p_from_to"], pose::pose_trans),
@@ -66,6 +73,7 @@ const OWN: [Own; 39] = [
     own("to_num", &["str"], text::to_num),
     own("to_str", &["val"], text::to_str),
     own("transpose", &["m"], lists::transpose),
+    own("wrench_trans", &["T_from_to", "w_from"], pose::wrench_trans),
 ];
 
 /// The number of the function of that name.

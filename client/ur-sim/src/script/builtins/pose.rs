@@ -45,6 +45,25 @@ pub(super) fn pose_sub(arguments: &[Value]) -> Result<Value, String> {
     Ok(joined(to.translation.vector - from.translation.vector, to.rotation * from.rotation.inverse()))
 }
 
+/// Length of what `pose_sub` gives, metres and radians alike.
+pub(super) fn pose_dist(arguments: &[Value]) -> Result<Value, String> {
+    let (from, to) = both(arguments)?;
+    let way = to.translation.vector - from.translation.vector;
+    let turn = (to.rotation * from.rotation.inverse()).scaled_axis();
+    Ok(Value::Float((way.norm_squared() + turn.norm_squared()).sqrt()))
+}
+
+/// A wrench (force, torque) of one frame as it is in another, which stands at `T_from_to` in the first.
+pub(super) fn wrench_trans(arguments: &[Value]) -> Result<Value, String> {
+    let to = frame(arguments, 0)?;
+    let wrench = value(arguments, 1).as_numbers::<6>().ok_or("wants six numbers for w_from")?;
+    let [fx, fy, fz, tx, ty, tz] = wrench;
+    let (force, torque) = (Vector3::new(fx, fy, fz), Vector3::new(tx, ty, tz));
+    let back = to.rotation.inverse();
+    let (force, torque) = (back * force, back * (torque - to.translation.vector.cross(&force)));
+    Ok(Value::floats(&[force.x, force.y, force.z, torque.x, torque.y, torque.z]))
+}
+
 pub(super) fn point_dist(arguments: &[Value]) -> Result<Value, String> {
     both(arguments).map(|(from, to)| Value::Float((to.translation.vector - from.translation.vector).norm()))
 }

@@ -30,13 +30,15 @@ fn these_functions_and_no_others_are_there() {
         "get_list_length(v)",
         "integer_to_binary_list(x)",
         "interpolate_pose(p_from, p_to, alpha)",
+        "inv(m)",
         "length(v)",
         "log(b, f)",
-        "make_list(length, initial_value)",
+        "make_list(length, initial_value, [capacity])",
         "norm(a)",
         "normalize(v)",
         "point_dist(p_from, p_to)",
         "pose_add(p_1, p_2)",
+        "pose_dist(p_from, p_to)",
         "pose_inv(p_from)",
         "pose_sub(p_to, p_from)",
         "pose_trans(p_from, p_from_to)",
@@ -57,6 +59,7 @@ fn these_functions_and_no_others_are_there() {
         "to_num(str)",
         "to_str(val)",
         "transpose(m)",
+        "wrench_trans(T_from_to, w_from)",
     ];
     assert_eq!(signatures(), expected);
     // `find` looks by halves.

@@ -85,15 +85,56 @@ impl Compiler {
             self.simple(Op::Own(call), position);
             return Ok(());
         }
-        let next = self.code.foreign.len();
-        let at = *self.foreign.entry(asked.name.clone()).or_insert(next);
-        if at == next {
-            self.code.foreign.push((asked.name.clone(), position));
+        if let Some(op) = self.interpreter_op(asked, &names, arguments, position)? {
+            self.simple(op, position);
+            return Ok(());
         }
-        let target = u32::try_from(at).unwrap_or(u32::MAX);
+        let target = self.foreign_number(&asked.name, position);
         let call = self.asked(PreparedCall { target, slots: Vec::new(), names, arguments });
         self.simple(Op::Foreign(call), position);
         Ok(())
+    }
+
+    fn foreign_number(&mut self, name: &str, position: ScriptPosition) -> u32 {
+        let next = self.code.foreign.len();
+        let at = *self.foreign.entry(name.to_owned()).or_insert(next);
+        if at == next {
+            self.code.foreign.push((name.to_owned(), position));
+        }
+        u32::try_from(at).unwrap_or(u32::MAX)
+    }
+
+    /// The instruction for a call of interpreter mode, whose arguments are compiled already.
+    fn interpreter_op(
+        &mut self,
+        asked: &CallExpression,
+        names: &[String],
+        arguments: usize,
+        position: ScriptPosition,
+    ) -> Result<Option<Op>, ScriptError> {
+        let wrong = |message: &str| ScriptError::new(position, format!("{} {message}", asked.name));
+        let op = match asked.name.as_str() {
+            "interpreter_mode" if self.interpreting => {
+                return Err(wrong("cannot be called in interpreter mode"));
+            }
+            "interpreter_mode" => {
+                let names = names.to_vec();
+                let call = self.asked(PreparedCall { target: 0, slots: Vec::new(), names, arguments });
+                Op::Interpret(call)
+            }
+            "end_interpreter" | "clear_interpreter" if arguments > 0 => {
+                return Err(wrong("takes no arguments"));
+            }
+            "end_interpreter" => Op::EndInterpreter,
+            "clear_interpreter" if !self.interpreting => {
+                return Err(wrong("can be called in interpreter mode only"));
+            }
+            "clear_interpreter" => Op::ClearInterpreter,
+            _ => return Ok(None),
+        };
+        // Whether a controller has it is for the machine to say.
+        self.foreign_number(&asked.name, position);
+        Ok(Some(op))
     }
 
     fn run(&mut self, asked: &CallExpression, position: ScriptPosition) -> Result<(), ScriptError> {
@@ -113,7 +154,7 @@ impl Compiler {
         number: usize,
         position: ScriptPosition,
     ) -> Result<u32, ScriptError> {
-        let parameters = self.parameters.get(number).cloned().unwrap_or_default();
+        let parameters = self.code.bodies.get(number).map(|body| body.parameters.clone()).unwrap_or_default();
         let wrong = |message: String| ScriptError::new(position, format!("{} {message}", asked.name));
         if asked.positional.len() > parameters.len() {
             let message = format!("takes {} arguments, not {}", parameters.len(), asked.positional.len());

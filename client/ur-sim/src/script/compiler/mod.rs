@@ -1,7 +1,10 @@
 //! The tree to instructions: functions and statements. Expressions are in `expression`, names in `scope`.
 
+mod append;
 mod expression;
 mod scope;
+
+pub(super) use append::{AppendScope, append};
 
 use super::code::{Code, CompiledFunction, Op, PreparedCall, Where};
 use super::error::{ScriptError, ScriptPosition};
@@ -44,11 +47,11 @@ pub(super) fn program(statements: Vec<ScriptStatement>) -> Result<Code, ScriptEr
         globals: Names::default(),
         levels: Vec::new(),
         loops: Vec::new(),
-        parameters: vec![Vec::new()],
         foreign: HashMap::new(),
+        interpreting: false,
     };
     scope::globals(&program.body, &mut compiler.globals)?;
-    compiler.code.bodies.push(CompiledFunction::new(&program));
+    compiler.code.bodies.push(CompiledFunction::new(&program, None));
     compiler.function(&program, 0)?;
     compiler.code.globals = compiler.globals.order;
     Ok(compiler.code)
@@ -60,10 +63,10 @@ struct Compiler {
     /// The functions around what is being compiled, outermost first.
     levels: Vec<FunctionScope>,
     loops: Vec<Loop>,
-    /// Of each function: the parameters' names and whether they have a default.
-    parameters: Vec<Vec<(String, bool)>>,
     /// Of each function of the machine: its number in `Code::foreign`.
     foreign: HashMap<String, usize>,
+    /// These are statements for a program in interpreter mode.
+    interpreting: bool,
 }
 
 struct Loop {
@@ -114,27 +117,8 @@ impl Compiler {
         };
         let mut inside = Vec::new();
         scope::functions(&function.body, &mut inside);
-        let first = self.code.bodies.len();
-        for inner in &inside {
-            if inner.sort == Sort::Sec {
-                return Err(ScriptError::new(
-                    inner.position,
-                    "a secondary program stands alone, in no other",
-                ));
-            }
-            let next = self.code.bodies.len();
-            if next >= limits::FUNCTIONS {
-                return Err(ScriptError::more_than(inner.position, limits::FUNCTIONS, "functions"));
-            }
-            if level.functions.insert(inner.name.clone(), next).is_some() {
-                return Err(ScriptError::new(inner.position, format!("{} is defined twice", inner.name)));
-            }
-            let with_default =
-                |(name, default): &(String, Option<Expression>)| (name.clone(), default.is_some());
-            self.parameters.push(inner.parameters.iter().map(with_default).collect());
-            self.code.bodies.push(CompiledFunction::new(inner));
-        }
-        let variables = level.variables.order.clone();
+        let numbers = self.declare(&inside, number, &mut level.functions, false)?;
+        let (variables, functions) = (level.variables.order.clone(), level.functions.clone());
         self.levels.push(level);
         let loops = std::mem::take(&mut self.loops);
         let entry = self.code.ops.len();
@@ -152,13 +136,42 @@ impl Compiler {
         if let Some(body) = self.code.bodies.get_mut(number) {
             body.entry = entry;
             body.variables = variables;
+            body.functions = functions;
         }
-        for (number, inner) in (first..).zip(&inside) {
+        for (number, inner) in numbers.into_iter().zip(&inside) {
             self.function(inner, number)?;
         }
         self.loops = loops;
         self.levels.pop();
         Ok(())
+    }
+
+    /// Gives the functions that stand in `parent` their numbers; a name that is taken is an error, unless it
+    /// may be defined `anew`.
+    fn declare(
+        &mut self,
+        inside: &[&Function],
+        parent: usize,
+        known: &mut HashMap<String, usize>,
+        anew: bool,
+    ) -> Result<Vec<usize>, ScriptError> {
+        let mut numbers = Vec::new();
+        for inner in inside {
+            if inner.sort == Sort::Sec {
+                let message = "a secondary program stands alone, in no other";
+                return Err(ScriptError::new(inner.position, message));
+            }
+            let next = self.code.bodies.len();
+            if next >= limits::FUNCTIONS {
+                return Err(ScriptError::more_than(inner.position, limits::FUNCTIONS, "functions"));
+            }
+            if known.insert(inner.name.clone(), next).is_some() && !anew {
+                return Err(ScriptError::new(inner.position, format!("{} is defined twice", inner.name)));
+            }
+            self.code.bodies.push(CompiledFunction::new(inner, Some(parent)));
+            numbers.push(next);
+        }
+        Ok(numbers)
     }
 
     fn body(&mut self, body: &[ScriptStatement]) -> Result<(), ScriptError> {

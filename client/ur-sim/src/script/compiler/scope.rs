@@ -21,6 +21,12 @@ impl Names {
         self.numbers.get(name).copied()
     }
 
+    /// Names that were within the bounds when they were added.
+    pub(super) fn of<'a>(names: impl Iterator<Item = &'a String>) -> Self {
+        let order: Vec<String> = names.cloned().collect();
+        Self { numbers: order.iter().cloned().zip(0..).collect(), order }
+    }
+
     pub(super) fn add(&mut self, name: &str, position: ScriptPosition) -> Result<(), ScriptError> {
         if self.numbers.contains_key(name) {
             return Ok(());
@@ -44,7 +50,7 @@ pub(super) struct FunctionScope {
 }
 
 /// Calls `found` with every statement of a body, those of blocks included, those of functions inside not.
-fn each<E>(
+pub(super) fn each<E>(
     body: &[ScriptStatement],
     found: &mut impl FnMut(&ScriptStatement) -> Result<(), E>,
 ) -> Result<(), E> {

@@ -6,8 +6,11 @@
 //! the same cycle still. Between `enter_critical` and `exit_critical` no other thread runs, except while this
 //! one waits (the manual's page on threads).
 
+mod interpret;
 mod step;
 mod thread;
+
+pub use interpret::{Interpreted, InterpreterState};
 
 use super::code::Code;
 use super::error::{ScriptError, ScriptPosition};
@@ -15,6 +18,7 @@ use super::limits;
 use super::machine::{Machine, ThreadId};
 use super::program::Program;
 use super::value::Value;
+use interpret::Interpreter;
 use std::sync::Arc;
 use thread::{CallFrame, Thread};
 
@@ -50,6 +54,7 @@ pub struct ScriptRun {
     /// What the cycle has cost.
     used: u32,
     over: Option<Progress>,
+    interpreter: Interpreter,
 }
 
 /// Why a thread no longer runs in this cycle.
@@ -86,6 +91,7 @@ impl ScriptRun {
             cost: 0,
             used: 0,
             over: None,
+            interpreter: Interpreter::default(),
         };
         run.start(0, None)
             .map_err(|message| ScriptError::new(ScriptPosition { line: 1, column: 1 }, message))?;

@@ -20,8 +20,17 @@ impl ScriptRun {
         thread: &mut Thread,
         machine: &mut dyn Machine,
     ) -> Result<Option<ThreadStop>, String> {
+        let op = *self.code.ops.get(thread.at).ok_or("the program has no more instructions")?;
+        match op {
+            Op::Interpret(call) => return self.wait_for_statement(thread, call, machine),
+            Op::ClearInterpreter => return self.clear_session(thread, machine).map(|()| None),
+            // A statement of interpreter mode may have made the variable since the call began.
+            Op::Load(Where::Local(_)) | Op::Store(Where::Local(_)) | Op::StoreElement(Where::Local(_), _) => {
+                self.grow_for_statements(thread)?
+            }
+            _ => {}
+        }
         let code = Arc::clone(&self.code);
-        let op = *code.ops.get(thread.at).ok_or("the program has no more instructions")?;
         let mut next = thread.at.saturating_add(1);
         let to = |target: u32| usize::try_from(target).unwrap_or(usize::MAX);
         match op {
@@ -186,6 +195,11 @@ impl ScriptRun {
             Op::Halt => return Ok(Some(ThreadStop::Halts)),
             Op::EnterCritical => thread.critical = true,
             Op::ExitCritical => thread.critical = false,
+            Op::EndInterpreter => {
+                self.end_session();
+                thread.give(Value::None)?;
+            }
+            Op::Interpret(_) | Op::ClearInterpreter => return Err(EMPTY.to_owned()),
         }
         thread.at = next;
         Ok(None)
@@ -234,7 +248,7 @@ fn values(thread: &mut Thread, ready: &PreparedCall) -> Result<Vec<Option<Value>
 }
 
 /// The arguments of a call to the machine.
-fn arguments(thread: &mut Thread, ready: &PreparedCall) -> Result<Arguments, String> {
+pub(super) fn arguments(thread: &mut Thread, ready: &PreparedCall) -> Result<Arguments, String> {
     let mut positional = thread.take_many(ready.arguments)?;
     let by_name = positional.len().saturating_sub(ready.names.len());
     let named = ready.names.iter().cloned().zip(positional.split_off(by_name)).collect();

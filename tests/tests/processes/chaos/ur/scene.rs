@@ -23,7 +23,7 @@ const READER_LATE_S: f64 = 0.1;
 /// Sooner than the patience of tests is over, so that it can be told why not.
 const FOLLOWS_WITHIN: Duration = Duration::from_secs(55);
 const RTDE: u16 = 30004;
-const FAULTS: u16 = 30020;
+const FAULTS: u16 = 30090;
 
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Series {
