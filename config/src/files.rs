@@ -53,6 +53,20 @@ fn text(bytes: Vec<u8>) -> Result<String> {
         .map_err(|error| Error::new(ErrorKind::InvalidData, error.utf8_error().to_string()))
 }
 
+/// A path for a message, in about `most` characters: what is left out is at its front, and never of the name
+/// at its end, which has 255 at most where it is one.
+#[must_use]
+pub fn shortened_path(path: &str, most: usize) -> String {
+    const LONGEST_NAME: usize = 255;
+    let all = path.chars().count();
+    if all <= most {
+        return path.to_owned();
+    }
+    let name = path.trim_end_matches('/').rsplit('/').next().unwrap_or(path);
+    let kept = most.saturating_sub(1).max(name.chars().count().min(LONGEST_NAME));
+    format!("…{}", path.chars().skip(all.saturating_sub(kept)).collect::<String>())
+}
+
 /// Bytes by the path that names them.
 pub type Taken = BTreeMap<PathBuf, Vec<u8>>;
 
@@ -127,6 +141,25 @@ impl Files {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_long_path_keeps_its_name() {
+        let name = format!("{}.mcap", "n".repeat(100));
+        for (path, most, wanted) in [
+            ("/a/b.mcap".to_owned(), 60, "/a/b.mcap".to_owned()),
+            (format!("/{}/run.mcap", "folder/".repeat(50)), 20, "…older//run.mcap".to_owned()),
+            (format!("/a/{name}"), 60, format!("…{name}")),
+            (format!("/{}/bag/", "x".repeat(100)), 10, "…xxxx/bag/".to_owned()),
+            ("é".repeat(5000), 60, format!("…{}", "é".repeat(255))),
+        ] {
+            let told = shortened_path(&path, most);
+            assert!(told.ends_with(wanted.trim_start_matches('…')), "{told}");
+            assert!(
+                told.chars().count() <= most.max(257) && (path.len() < 12 || told.starts_with('…')),
+                "{told}"
+            );
+        }
+    }
 
     #[test]
     fn devices_folders_and_long_files_are_refused_with_a_reason() {

@@ -10,6 +10,7 @@ use std::sync::Arc;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
+use crate::files::shortened_path;
 use crate::problem::{Problem, ProblemKind, ValueFlaw};
 
 /// Where a value comes from.
@@ -191,6 +192,9 @@ impl<'a> Lines<'a> {
         let flat = written.split_whitespace().collect::<Vec<_>>().join(" ");
         if flat.chars().count() <= LONGEST {
             flat
+        } else if flat.starts_with(['"', '\'']) && flat.contains('/') {
+            // The end of a path tells more than its beginning.
+            shortened_path(&flat, LONGEST)
         } else {
             flat.chars().take(LONGEST - 3).chain("...".chars()).collect()
         }

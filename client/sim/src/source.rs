@@ -148,7 +148,9 @@ fn recordings(
             notes.extend(set.errors.iter().map(ToString::to_string));
             recordings.extend(set.files.into_iter().map(|file| file.recording));
         } else {
-            recordings.push(load_recording(path).map_err(wrong)?);
+            let recording = load_recording(path).map_err(wrong)?;
+            notes.extend(recording.notes.iter().map(|note| format!("{name}: {note}")));
+            recordings.push(recording);
         }
     }
     let Some(rate_hz) = recordings.first().map(|recording| recording.rate_hz) else {

@@ -6,6 +6,7 @@
 
 use super::csv_lines::{CsvHead, HEADER, read_head, row};
 use super::file::{FileError, read_limited};
+use super::foreign::foreign;
 use super::{Character, Component, GAP_PERIODS, Quantity, Recording};
 use crate::path::{PathSample, PenPath};
 use std::io::{self, Write};
@@ -21,7 +22,15 @@ pub(super) const POSITION_MAX_M: f64 = 100.0;
 /// # Errors
 /// [`FileError`] naming line, field, value and legal range.
 pub fn load_csv(path: &Path) -> Result<PenPath, FileError> {
-    parse_csv(text(&read_limited(path)?, path)?, path)
+    let bytes = read_limited(path)?;
+    if bytes.starts_with(mcap::MAGIC) {
+        let why = "it is an MCAP recording, not CSV; give it a name that ends in .mcap";
+        return Err(FileError::whole(path, why));
+    }
+    if let Some(why) = foreign(&bytes, bytes.len() as u64) {
+        return Err(FileError::whole(path, why));
+    }
+    parse_csv(text(&bytes, path)?, path)
 }
 
 fn text<'b>(bytes: &'b [u8], path: &Path) -> Result<&'b str, FileError> {
@@ -64,6 +73,7 @@ pub(super) fn recording_of(pen: &PenPath, rate_hz: f64, writer: String, path: &P
         source: path.to_path_buf(),
         rate_hz,
         rate_assumed: false,
+        notes: Vec::new(),
         units_per_m: Some([1.0; 2]),
         quantity: Quantity::Position,
         segments: vec![Character { components, writer, ..Character::default() }],

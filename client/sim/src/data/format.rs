@@ -3,12 +3,14 @@
 use super::Recording;
 use super::csv::{begins_csv, parse_csv_recording};
 use super::file::{FileError, open, read_limited, unreadable};
+use super::foreign::foreign;
 use super::mcap_pen::{begins_mcap, load_mcap, read_mcap};
+use super::mcap_records::SNIFFED;
 #[cfg(feature = "formats")]
 use crate::formats::{parse_inkml, parse_mat, parse_unipen};
 use std::borrow::Cow;
 use std::fmt;
-use std::io::Read as _;
+use std::io::{Cursor, Read as _};
 use std::path::Path;
 
 /// Bytes of a file that decide its format.
@@ -63,6 +65,9 @@ pub fn parse_recording(bytes: &[u8], path: &Path) -> Result<Recording, FileError
     match Format::of_contents(head).or_else(|| Format::of_name(path)) {
         Some(format) => format.parse(bytes, path),
         None => {
+            if let Some(why) = foreign(head, bytes.len() as u64) {
+                return Err(FileError::whole(path, why));
+            }
             let why = format!("not a recording in a known format; legal: {}", Format::ALL_NAMES);
             Err(FileError::whole(path, why))
         }
@@ -97,6 +102,13 @@ impl Format {
     }
 
     fn parse(self, bytes: &[u8], path: &Path) -> Result<Recording, FileError> {
+        let head = bytes.get(..SNIFFED_BYTES).unwrap_or(bytes);
+        // Where the name alone told the format: what the file really is.
+        if self != Self::Mcap
+            && let Some(why) = foreign(head, bytes.len() as u64)
+        {
+            return Err(FileError::whole(path, why));
+        }
         match self {
             #[cfg(feature = "formats")]
             Self::Unipen => parse_unipen(bytes, path),
@@ -113,7 +125,7 @@ impl Format {
                 ),
             )),
             Self::Csv => parse_csv_recording(bytes, path),
-            Self::Mcap => read_mcap(bytes, path),
+            Self::Mcap => read_mcap(Cursor::new(bytes), bytes.len() as u64, path),
         }
     }
 
@@ -159,6 +171,15 @@ impl Format {
             _ => None,
         }
     }
+}
+
+/// What the file `path` is, if it is known for something else than a recording and has contents, and what to
+/// do.
+pub(super) fn foreign_file(path: &Path) -> Option<String> {
+    let file = open(path).ok()?;
+    let mut head = Vec::new();
+    file.take(SNIFFED as u64).read_to_end(&mut head).ok()?;
+    if head.is_empty() { None } else { foreign(&head, head.len() as u64) }
 }
 
 /// Whether a file begins as MATLAB's do, readable version or not.

@@ -7,19 +7,16 @@ use super::Recording;
 use super::csv::{POSITION_MAX_M, RATE_HZ, recording_of};
 use super::file::{FileError, open, unreadable};
 use super::mcap_record::parse_mcap_record;
+use super::mcap_records::{McapEnd, McapRecords};
 use crate::path::{PathSample, PenPath};
-use mcap::records::{Record, op};
+use mcap::records::Record;
 use std::collections::BTreeMap;
-use std::io::{BufReader, ErrorKind, Read};
+use std::io::{BufReader, Read, Seek};
 use std::path::Path;
 
 /// The topic of what ticks were given, and the encoding of its messages.
 const TOPIC: &str = "/raw/input";
 const ENCODING: &str = "foretrace.wire";
-/// Bytes of a record's kind and length.
-const HEAD: usize = 1 + size_of::<u64>();
-/// Bytes of a record at most: far more than a recorder writes.
-const RECORD_BYTES_MAX: usize = 8 << 20;
 /// Schemas and channels of ours at most, and slots for samples in a message.
 const CHANNELS_MAX: usize = 256;
 const SLOTS_MAX: usize = 64;
@@ -105,110 +102,55 @@ pub(super) fn begins_mcap(head: &[u8]) -> bool {
 
 /// Loads a recording: one character without a label, a component per change of contact and per gap.
 pub(super) fn load_mcap(path: &Path) -> Result<Recording, FileError> {
-    read_mcap(BufReader::new(open(path)?), path)
+    let file = open(path)?;
+    let length = file.metadata().map_err(|error| unreadable(path, error))?.len();
+    read_mcap(BufReader::with_capacity(1 << 16, file), length, path)
 }
 
-/// The same from its bytes.
-pub(super) fn read_mcap(from: impl Read, path: &Path) -> Result<Recording, FileError> {
-    let refused = |why: String| FileError::whole(path, why);
-    let samples = samples(from, path)?;
+/// The same from its `length` bytes.
+pub(super) fn read_mcap(from: impl Read + Seek, length: u64, path: &Path) -> Result<Recording, FileError> {
+    let failed = |error| unreadable(path, error);
+    let begun = McapRecords::begin(from, length).map_err(failed)?;
+    let mut records = begun.map_err(|why| FileError::whole(path, why))?;
+    let mut pen =
+        Pen { path, tables: BTreeMap::new(), channels: BTreeMap::new(), samples: Vec::new(), from_ns: None };
+    let mut refused = None;
+    while refused.is_none()
+        && let Some((kind, body)) = records.next_record().map_err(failed)?
+    {
+        match parse_mcap_record(kind, body) {
+            Ok(record) => pen.take(record)?,
+            Err(why) => refused = Some(why),
+        }
+    }
+    if let Some(why) = refused {
+        records.refuse(why);
+    }
+    let damage = records.end().and_then(McapEnd::damage);
+    let (samples, topic) = (pen.samples, !pen.channels.is_empty());
     if samples.len() < 2 {
-        return Err(refused(format!(
-            "it holds {} pen samples, a path needs 2; record while the pen writes",
-            samples.len()
-        )));
+        let before = damage.as_ref().map_or("", |_| " before its damage");
+        let holds = match samples.len() {
+            0 if !topic => format!("it has no topic {TOPIC}, where `foretrace record` keeps the pen"),
+            count => format!("it holds {count} pen samples{before}, a path needs 2"),
+        };
+        return Err(FileError::whole(
+            path,
+            match damage {
+                Some(damage) => format!("{holds}; it ends early, {damage}"),
+                None => format!("{holds}; record while the pen writes"),
+            },
+        ));
     }
     let pen = PenPath::from_samples(samples);
     if !RATE_HZ.contains(&pen.rate_hz) {
-        return Err(refused(format!(
-            "the median step in time gives a rate of {} Hz; legal: 0.001 to 1000000",
-            pen.rate_hz
-        )));
+        let why =
+            format!("the median step in time gives a rate of {} Hz; legal: 0.001 to 1000000", pen.rate_hz);
+        return Err(FileError::whole(path, why));
     }
-    Ok(recording_of(&pen, pen.rate_hz, String::new(), path))
-}
-
-/// All samples with a slot, times rising from 0.
-fn samples(from: impl Read, path: &Path) -> Result<Vec<PathSample>, FileError> {
-    let mut pen =
-        Pen { path, tables: BTreeMap::new(), channels: BTreeMap::new(), samples: Vec::new(), from_ns: None };
-    each_record(from, path, |kind, body| pen.take(kind, body))?;
-    Ok(pen.samples)
-}
-
-fn damaged(path: &Path, why: impl std::fmt::Display) -> FileError {
-    FileError::whole(path, format!("{why}; mend it with `foretrace record --repair`"))
-}
-
-/// Calls `use_record` with kind and body of every record of a whole file, those of chunks one by one.
-fn each_record(
-    mut from: impl Read,
-    path: &Path,
-    mut use_record: impl FnMut(u8, &[u8]) -> Result<(), FileError>,
-) -> Result<(), FileError> {
-    let mut read = |bytes: &mut [u8]| {
-        from.read_exact(bytes).map_err(|error| match error.kind() {
-            ErrorKind::UnexpectedEof => damaged(path, "it ends early"),
-            _ => unreadable(path, error),
-        })
-    };
-    let mut magic = [0; mcap::MAGIC.len()];
-    read(&mut magic)?;
-    let mut body = Vec::new();
-    loop {
-        let mut head = [0; HEAD];
-        read(&mut head)?;
-        let [kind, length @ ..] = head;
-        let length = usize::try_from(u64::from_le_bytes(length)).unwrap_or(usize::MAX);
-        if length > RECORD_BYTES_MAX {
-            return Err(damaged(
-                path,
-                format!("a record of {length} bytes, {RECORD_BYTES_MAX} are the most"),
-            ));
-        }
-        body.resize(length, 0);
-        read(&mut body)?;
-        match kind {
-            op::CHUNK => {
-                let mut records = chunk(&body).map_err(|why| damaged(path, why))?;
-                while !records.is_empty() {
-                    let (kind, record, rest) =
-                        split(records).ok_or_else(|| damaged(path, "a chunk ends early"))?;
-                    use_record(kind, record)?;
-                    records = rest;
-                }
-            }
-            op::FOOTER => {
-                read(&mut magic)?;
-                return if magic == *mcap::MAGIC { Ok(()) } else { Err(damaged(path, "its end is damaged")) };
-            }
-            kind => use_record(kind, &body)?,
-        }
-    }
-}
-
-/// Kind, body and what follows, of the record at the front of `bytes`; `None` if it is not all there.
-fn split(bytes: &[u8]) -> Option<(u8, &[u8], &[u8])> {
-    let [kind, length @ ..] = *bytes.first_chunk::<HEAD>()?;
-    let (body, rest) = bytes.get(HEAD..)?.split_at_checked(u64::from_le_bytes(length).try_into().ok()?)?;
-    Some((kind, body, rest))
-}
-
-/// The records in a chunk; an error says what is wrong.
-fn chunk(body: &[u8]) -> Result<&[u8], &'static str> {
-    // Two times and the size come before.
-    let checksum = whole(body, 24).ok_or("a chunk without a beginning")?;
-    let named = whole(body, 28).ok_or("a chunk without a beginning")? as usize;
-    if named != 0 {
-        return Err("a chunk is compressed, which no recorder of foretrace does");
-    }
-    let length = bytes(body, 32).map(u64::from_le_bytes);
-    let records = body.get(40..).filter(|records| Some(records.len() as u64) == length);
-    let records = records.ok_or("a chunk of another length than it says")?;
-    if checksum != 0 && crc32fast::hash(records) != checksum {
-        return Err("the checksum of a chunk is wrong");
-    }
-    Ok(records)
+    let mut recording = recording_of(&pen, pen.rate_hz, String::new(), path);
+    recording.notes.extend(damage.map(|damage| format!("it ends early, {damage}; what comes before is read, and `foretrace record --repair` makes a whole file of it")));
+    Ok(recording)
 }
 
 /// Collects the samples of a file.
@@ -222,17 +164,12 @@ struct Pen<'a> {
 }
 
 impl Pen<'_> {
-    fn take(&mut self, kind: u8, body: &[u8]) -> Result<(), FileError> {
-        if !matches!(kind, op::SCHEMA | op::CHANNEL | op::MESSAGE) {
-            return Ok(());
-        }
+    fn take(&mut self, record: Record<'_>) -> Result<(), FileError> {
         if self.tables.len().max(self.channels.len()) > CHANNELS_MAX {
-            return Err(damaged(
-                self.path,
-                format!("more than {CHANNELS_MAX} schemas or channels of {TOPIC}"),
-            ));
+            let why = format!("more than {CHANNELS_MAX} schemas or channels of {TOPIC}");
+            return Err(FileError::whole(self.path, why));
         }
-        match parse_mcap_record(kind, body).map_err(|error| damaged(self.path, error))? {
+        match record {
             Record::Schema { header, data } if header.encoding == ENCODING => {
                 self.tables.insert(header.id, std::str::from_utf8(&data).ok().and_then(PenTable::of));
             }
@@ -255,7 +192,9 @@ impl Pen<'_> {
                         samples.push(PathSample { t_s, x_m: seen.x_m, y_m: seen.y_m, contact: seen.contact });
                     }
                 });
-                done.ok_or_else(|| damaged(self.path, format!("a message of {TOPIC} is too short")))?;
+                done.ok_or_else(|| {
+                    FileError::whole(self.path, format!("a message of {TOPIC} is too short"))
+                })?;
                 if self.samples.len() > SAMPLES_MAX {
                     let why = format!("more than {SAMPLES_MAX} pen samples, which is the most that is read");
                     return Err(FileError::whole(self.path, why));

@@ -6,10 +6,13 @@
 //! foretrace's own, the formats, sets.
 
 mod file;
+mod foreign;
 mod csv_lines;
 mod csv;
 mod pen_log;
+mod mcap_chunk;
 mod mcap_record;
+mod mcap_records;
 mod mcap_pen;
 mod format;
 mod split;
@@ -17,11 +20,13 @@ mod set;
 
 pub use csv::{load_csv, write_csv};
 pub use file::FileError;
+pub use foreign::folder_for_file;
 #[cfg(feature = "formats")]
 pub(crate) use format::decoded;
 pub use format::{Format, load_recording, parse_recording};
 pub use mcap_pen::{PenSeen, PenTable};
 pub use mcap_record::parse_mcap_record;
+pub use mcap_records::{McapEnd, McapRecords};
 pub use pen_log::{PenLog, PenLogSummary};
 pub use set::{DataSet, SetError, SetFile};
 pub use split::Split;
@@ -47,6 +52,8 @@ pub struct Recording {
     pub rate_hz: f64,
     /// The file does not state the rate; the format's usual one was taken.
     pub rate_assumed: bool,
+    /// What of the file was left out, a sentence each.
+    pub notes: Vec<String>,
     /// Device units per metre along x and y, where the file states both.
     pub units_per_m: Option<[f64; 2]>,
     /// The quantity that was recorded.

@@ -102,7 +102,8 @@ pub fn write_with(text: &str, style: &Style, rate_hz: f64) -> Result<Recording, 
     }
     let source = PathBuf::from(format!("glyphs:{text}"));
     let quantity = Quantity::Position;
-    Ok(Recording { source, rate_hz, rate_assumed: false, units_per_m: None, quantity, segments })
+    let (units_per_m, notes) = (None, Vec::new());
+    Ok(Recording { source, rate_hz, rate_assumed: false, notes, units_per_m, quantity, segments })
 }
 
 /// Writes `text` straight into the workspace; capitals get the placement's glyph height.

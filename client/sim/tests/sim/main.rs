@@ -9,6 +9,9 @@ mod fuzz_loaders;
 mod inkml_files;
 mod made;
 mod mat_files;
+mod mcap_files;
 mod reference_sets;
+#[path = "../../../../tests/src/rewritten.rs"]
+mod rewriting;
 mod shared;
 mod unipen_files;

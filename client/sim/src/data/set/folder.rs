@@ -4,6 +4,7 @@
 
 use super::{ListedFile, SetError};
 use crate::data::Format;
+use crate::data::format::foreign_file;
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -21,8 +22,10 @@ pub(super) fn find(folder: &Path) -> Result<Vec<ListedFile>, SetError> {
     // Names decide only if no contents do: then every file is bad, and each gives its reason.
     let format = match only(folder, &files, &by_contents)? {
         Some(format) => format,
-        None => only(folder, &files, &by_name)?
-            .ok_or_else(|| SetError::NoFormat { folder: folder.to_path_buf() })?,
+        None => only(folder, &files, &by_name)?.ok_or_else(|| SetError::NoFormat {
+            folder: folder.to_path_buf(),
+            instead: instead(folder, &files),
+        })?,
     };
     let rows = files.into_iter().zip(by_contents.into_iter().zip(by_name));
     Ok(rows
@@ -34,6 +37,14 @@ pub(super) fn find(folder: &Path) -> Result<Vec<ListedFile>, SetError> {
             format: Some(format),
         })
         .collect())
+}
+
+/// The first file that is known for something else, and what to do about it.
+fn instead(folder: &Path, files: &[String]) -> Option<String> {
+    /// Files that are looked at.
+    const MOST: usize = 100;
+    let known = |file: &String| Some(format!("{file}: {}", foreign_file(&folder.join(file))?));
+    files.iter().take(MOST).find_map(known)
 }
 
 /// The one format of the files; `None` when no file has one.

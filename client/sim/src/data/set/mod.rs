@@ -16,7 +16,7 @@ pub struct DataSet {
     pub name: String,
     /// One per readable file, in the order of `split.tsv`, or by name without one.
     pub files: Vec<SetFile>,
-    /// One per unreadable file; empty after a strict load.
+    /// One per unreadable file, and what was left out of readable ones; empty after a strict load.
     pub errors: Vec<FileError>,
 }
 
@@ -45,8 +45,15 @@ pub enum SetError {
         why: String,
     },
     /// No file of a known format.
-    #[error("{}: no recording in this folder; a set is a folder of {}", folder.display(), Format::ALL_NAMES)]
-    NoFormat { folder: PathBuf },
+    #[error(
+        "{}: no recording in this folder; a set is a folder of {}{}", folder.display(), Format::ALL_NAMES,
+        instead.as_ref().map_or_else(String::new, |instead| format!("; {instead}"))
+    )]
+    NoFormat {
+        folder: PathBuf,
+        /// A file of it that is known for something else, and what to do about it.
+        instead: Option<String>,
+    },
     /// Files of more than one format and no table that says which belong.
     #[error(
         "{}: more than one format in one folder ({found}); keep one format per folder, or name the files in \
@@ -120,7 +127,15 @@ impl DataSet {
                 continue;
             }
             match row.load(folder) {
-                Ok(file) => set.files.push(file),
+                Ok(file) => {
+                    let left_out = file.recording.notes.iter();
+                    let mut left_out = left_out.map(|note| FileError::whole(&file.recording.source, note));
+                    if strict && let Some(error) = left_out.next() {
+                        return Err(error.into());
+                    }
+                    set.errors.extend(left_out);
+                    set.files.push(file);
+                }
                 Err(error) if strict => return Err(error.into()),
                 Err(error) => set.errors.push(error),
             }

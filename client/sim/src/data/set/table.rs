@@ -4,7 +4,7 @@
 
 use super::{ListedFile, SetError};
 use crate::data::shortened;
-use foretrace_config::files::read_text;
+use foretrace_config::files::{read_text, shortened_path};
 use std::path::{Component, Path};
 
 /// A hundred thousand files.
@@ -48,8 +48,8 @@ fn parse(text: &str) -> Result<Vec<ListedFile>, (usize, String)> {
             ));
         }
         if file.is_empty() || !Path::new(file).components().all(|p| matches!(p, Component::Normal(_))) {
-            let file = shortened(&format!("{file:?}"), TOLD);
-            return Err((line, format!("file {file} is not a path below the set's folder")));
+            let file = shortened_path(file, TOLD);
+            return Err((line, format!("file {file:?} is not a path below the set's folder")));
         }
         let writer = column("writer").map(cell).unwrap_or_default().to_owned();
         rows.push(ListedFile { file: file.to_owned(), word: Some(word.to_owned()), writer, format: None });

@@ -18,6 +18,7 @@ mod document;
 use crate::data::{Character, Component, FileError, GAP_PERIODS, Quantity, Recording, decoded};
 use context::{InkContext, PointLayout};
 use document::{Document, GroupItem, Referent, SyntaxFault, Trace};
+use foretrace_config::files::shortened_path;
 use std::collections::HashSet;
 use std::path::Path;
 use std::rc::Rc;
@@ -48,6 +49,7 @@ pub(crate) fn parse_inkml(bytes: &[u8], path: &Path) -> Result<Recording, FileEr
         source: path.to_path_buf(),
         rate_hz: timing.rate_hz,
         rate_assumed: timing.assumed,
+        notes: Vec::new(),
         units_per_m: timing.units_per_m,
         quantity: Quantity::Position,
         segments,
@@ -206,7 +208,7 @@ fn referred(
             }
         }
         None => {
-            let target: String = target.chars().take(60).collect();
+            let target = shortened_path(target, 60);
             return Err(format!("traceDataRef {target:?} names no trace or group of this file"));
         }
     }

@@ -29,6 +29,7 @@ pub(crate) fn parse_mat(data: &[u8], path: &Path) -> Result<Recording, FileError
         source: path.to_path_buf(),
         rate_hz: RATE_HZ,
         rate_assumed: false,
+        notes: Vec::new(),
         units_per_m: None,
         quantity: Quantity::Velocity,
         segments: segments.map_err(|why| FileError::whole(path, why))?,

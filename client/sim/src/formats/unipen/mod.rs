@@ -14,6 +14,7 @@ mod text;
 mod segment;
 
 use crate::data::{Character, Component, FileError, Quantity, Recording};
+use foretrace_config::files::shortened_path;
 use segment::{InkSegment, parse_segment};
 use std::path::{Path, PathBuf};
 use text::{At, Statement, read_statements, resolve_include};
@@ -124,11 +125,11 @@ impl InkFile {
             return Err(at.fails(&format!(
                 "included file {:?} was not found below any include/ folder beside or above this file; keep the \
                  set's data/ and include/ folders together",
-                text::shortened(wanted)
+                shortened_path(wanted, 60)
             )));
         };
         if stack.contains(&file.canonicalize().unwrap_or_else(|_| file.clone())) {
-            let wanted = text::shortened(wanted);
+            let wanted = shortened_path(wanted, 60);
             return Err(at.fails(&format!("include {wanted:?} is cyclic: that file is being read already")));
         }
         self.read_text(&text::read_latin1(&file)?, root, &file, stack)
@@ -266,6 +267,7 @@ impl InkFile {
             source: path.to_path_buf(),
             rate_hz,
             rate_assumed: self.rate_hz.is_none(),
+            notes: Vec::new(),
             units_per_m,
             quantity: Quantity::Position,
             segments,

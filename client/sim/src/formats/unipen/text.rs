@@ -1,7 +1,7 @@
 //! The lines of a UNIPEN file: Latin-1, keywords in column one, arguments up to the next keyword.
 
 use crate::data::FileError;
-use foretrace_config::files::read_regular;
+use foretrace_config::files::{read_regular, shortened_path};
 use std::path::{Component as Part, Path, PathBuf};
 
 const FILE_BYTES_MAX: u64 = 64 << 20;
@@ -83,7 +83,7 @@ pub(super) fn resolve_include(root: &Path, wanted: &str) -> Result<Option<PathBu
     let relative = Path::new(wanted);
     let below = relative.components().all(|part| matches!(part, Part::Normal(_) | Part::CurDir));
     if !below || wanted.contains('\0') {
-        let wanted = shortened(wanted);
+        let wanted = shortened_path(wanted, 60);
         return Err(format!(
             "include {wanted:?} leads out of the include folder; only paths below it are read"
         ));
