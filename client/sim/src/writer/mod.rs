@@ -102,7 +102,15 @@ pub fn write_with(text: &str, style: &Style, rate_hz: f64) -> Result<Recording, 
     }
     let source = PathBuf::from(format!("glyphs:{text}"));
     let quantity = Quantity::Position;
-    Ok(Recording { source, rate_hz, rate_assumed: false, units_per_m: None, quantity, segments })
+    Ok(Recording {
+        source,
+        rate_hz,
+        rate_assumed: false,
+        units_per_m: None,
+        quantity,
+        segments,
+        remarks: Vec::new(),
+    })
 }
 
 /// Writes `text` straight into the workspace; capitals get the placement's glyph height.

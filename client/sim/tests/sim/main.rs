@@ -1,5 +1,6 @@
 //! Tests of recordings and data sets, one file per subject. One binary, so that shared code is compiled once.
 
+mod csv_files;
 mod data_sets;
 mod forged;
 #[path = "../../../../tests/src/forged.rs"]
@@ -8,6 +9,8 @@ mod fuzz_loaders;
 mod inkml_files;
 mod made;
 mod mat_files;
+mod no_recordings;
+mod played_files;
 mod reference_sets;
 mod shared;
 mod unipen_files;

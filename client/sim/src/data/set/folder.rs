@@ -4,6 +4,7 @@
 
 use super::{ListedFile, SetError};
 use crate::data::Format;
+use crate::data::hint::what_is_there;
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -21,8 +22,10 @@ pub(super) fn find(folder: &Path) -> Result<Vec<ListedFile>, SetError> {
     // Names decide only if no contents do: then every file is bad, and each gives its reason.
     let format = match only(folder, &files, &by_contents)? {
         Some(format) => format,
-        None => only(folder, &files, &by_name)?
-            .ok_or_else(|| SetError::NoFormat { folder: folder.to_path_buf() })?,
+        None => only(folder, &files, &by_name)?.ok_or_else(|| SetError::NoFormat {
+            folder: folder.to_path_buf(),
+            found: what_is_there(folder, &files),
+        })?,
     };
     let rows = files.into_iter().zip(by_contents.into_iter().zip(by_name));
     Ok(rows
@@ -45,6 +48,13 @@ fn only(folder: &Path, files: &[String], formats: &[Option<Format>]) -> Result<O
         }
     }
     if first.len() > 1 {
+        // The folder above several sets: each has a table of its own.
+        if files.iter().any(|file| file.ends_with("/split.tsv")) {
+            return Err(SetError::NoFormat {
+                folder: folder.to_path_buf(),
+                found: what_is_there(folder, files),
+            });
+        }
         let found: Vec<String> = first.iter().map(|(format, file)| format!("{format}: {file}")).collect();
         return Err(SetError::Ambiguous { folder: folder.to_path_buf(), found: found.join(", ") });
     }

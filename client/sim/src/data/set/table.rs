@@ -3,7 +3,7 @@
 //! Any word may stand in `set`; `file` is relative to the folder. Further columns are ignored.
 
 use super::{ListedFile, SetError};
-use crate::data::shortened;
+use crate::data::{shortened, shortened_path};
 use foretrace_config::files::read_text;
 use std::path::{Component, Path};
 
@@ -48,7 +48,7 @@ fn parse(text: &str) -> Result<Vec<ListedFile>, (usize, String)> {
             ));
         }
         if file.is_empty() || !Path::new(file).components().all(|p| matches!(p, Component::Normal(_))) {
-            let file = shortened(&format!("{file:?}"), TOLD);
+            let file = format!("{:?}", shortened_path(file, TOLD));
             return Err((line, format!("file {file} is not a path below the set's folder")));
         }
         let writer = column("writer").map(cell).unwrap_or_default().to_owned();

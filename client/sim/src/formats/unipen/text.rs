@@ -83,7 +83,7 @@ pub(super) fn resolve_include(root: &Path, wanted: &str) -> Result<Option<PathBu
     let relative = Path::new(wanted);
     let below = relative.components().all(|part| matches!(part, Part::Normal(_) | Part::CurDir));
     if !below || wanted.contains('\0') {
-        let wanted = shortened(wanted);
+        let wanted = shortened_path(wanted);
         return Err(format!(
             "include {wanted:?} leads out of the include folder; only paths below it are read"
         ));
@@ -101,6 +101,11 @@ pub(super) fn resolve_include(root: &Path, wanted: &str) -> Result<Option<PathBu
 /// Foreign text for a message.
 pub(super) fn shortened(text: &str) -> String {
     crate::data::shortened(text, 40)
+}
+
+/// A path out of a foreign file for a message.
+pub(super) fn shortened_path(path: &str) -> String {
+    crate::data::shortened_path(path, 120)
 }
 
 #[cfg(test)]
