@@ -11,6 +11,7 @@ mod os;
 mod failure;
 mod output;
 mod interrupt;
+mod units;
 mod values;
 mod settings;
 mod attach;

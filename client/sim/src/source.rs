@@ -9,12 +9,16 @@ use std::path::Path;
 use foretrace_config::Settings;
 use foretrace_failure::Failure;
 
-use crate::data::{Character, DataSet, Recording, Split, load_csv, load_recording, median_glyph_height};
+use crate::data::{
+    Character, CsvUnits, DataSet, Recording, Split, load_recording_in, median_glyph_height, read_csv, remarks,
+};
 use crate::path::{Anchor, Ink, Layout, Lift, PathSample, PenPath, Placement};
 use crate::writer::text_path;
 
+/// Part by which rates of files that are played together may differ.
+const RATE_TOLERANCE: f64 = 0.05;
 const REMEDY: &str =
-    "give a recording, a data-set folder, a CSV with t_s,x_m,y_m,contact, an .mcap file, or glyphs:TEXT";
+    "give a recording, a data-set folder, a CSV with columns of time, x and y, an .mcap file, or glyphs:TEXT";
 
 /// Placement of ink in the plane, and what is chosen of it.
 #[derive(Debug, Clone)]
@@ -31,11 +35,14 @@ pub struct PathOptions {
     pub label: Option<String>,
     /// Only these characters of the recording, counted from 0.
     pub segments: Option<(usize, usize)>,
+    /// Units of columns of a CSV whose names have none.
+    pub units: CsvUnits,
 }
 
 impl Default for PathOptions {
     fn default() -> Self {
-        Self { height_m: 0.03, scale: 1.0, speed: 1.0, style: 1, label: None, segments: None }
+        let units = CsvUnits::default();
+        Self { height_m: 0.03, scale: 1.0, speed: 1.0, style: 1, label: None, segments: None, units }
     }
 }
 
@@ -65,10 +72,20 @@ pub fn load(names: &[String], options: &PathOptions, settings: &Settings) -> Res
         [text] if text.starts_with("glyphs:") => {
             (glyphs(text.trim_start_matches("glyphs:"), options, &workspace)?, Vec::new())
         }
-        [file] if has_extension(file, "csv") => {
-            let path = load_csv(Path::new(file)).map_err(wrong)?;
-            in_metres(file, &path, settings.pen.bounds_m)?;
-            (path, Vec::new())
+        [file] if has_extension(file, "csv") || has_extension(file, "tsv") => {
+            let pen = read_csv(Path::new(file), options.units).map_err(wrong)?;
+            if pen.metric {
+                in_metres(file, &pen.path, settings.pen.bounds_m)?;
+                (pen.path, remarks([(file.as_str(), &pen.remarks[..])]))
+            } else {
+                let (path, mut notes) = recordings(names, options, &workspace)?;
+                notes.push(format!(
+                    "{file}: x and y name no unit of length: written {} m high, in the middle of the workspace \
+                     (x_mm and y_mm, or --unit mm, take it as it stands)",
+                    options.height_m
+                ));
+                (path, notes)
+            }
         }
         files => recordings(files, options, &workspace)?,
     };
@@ -91,7 +108,10 @@ fn in_metres(file: &str, path: &PenPath, [x, y]: [[f64; 2]; 2]) -> Result<(), Fa
         y[0],
         y[1]
     );
-    Err(Failure::bad_input(what, "millimetres or pixels? write metres of the pen's own plane"))
+    Err(Failure::bad_input(
+        what,
+        "millimetres or pixels? write metres of the pen's own plane, or name the unit (x_mm, --unit mm)",
+    ))
 }
 
 /// The writing workspace in metres of the pen's own plane.
@@ -144,19 +164,20 @@ fn recordings(
         if path.is_dir() {
             let words = DataSet::splits(path).map_err(wrong)?;
             let split = if words.iter().any(|word| word == "test") { Split::test() } else { Split::All };
-            let set = DataSet::load(path, &split, false).map_err(wrong)?;
+            let set = DataSet::load_in(path, &split, false, options.units).map_err(wrong)?;
             notes.extend(set.errors.iter().map(ToString::to_string));
             recordings.extend(set.files.into_iter().map(|file| file.recording));
         } else {
-            let recording = load_recording(path).map_err(wrong)?;
-            notes.extend(recording.notes.iter().map(|note| format!("{name}: {note}")));
+            let recording = load_recording_in(path, options.units).map_err(wrong)?;
+            notes.extend(recording.damage.iter().map(|damage| format!("{name}: {damage}")));
             recordings.push(recording);
         }
     }
     let Some(rate_hz) = recordings.first().map(|recording| recording.rate_hz) else {
         return Err(Failure::bad_input("no pen path was named", REMEDY));
     };
-    if let Some(other) = recordings.iter().find(|recording| recording.rate_hz != rate_hz) {
+    let other = |recording: &&Recording| (recording.rate_hz / rate_hz - 1.0).abs() > RATE_TOLERANCE;
+    if let Some(other) = recordings.iter().find(other) {
         let what = format!(
             "{} is sampled at {} Hz, the files before it at {rate_hz} Hz",
             other.source.display(),
@@ -164,6 +185,14 @@ fn recordings(
         );
         return Err(Failure::bad_input(what, "play files of one rate together"));
     }
+    // Rates that were found from stamps are never quite the same.
+    for recording in recordings.iter_mut().filter(|recording| recording.rate_hz != rate_hz) {
+        recording.stamp();
+    }
+    let files =
+        recordings.iter().map(|recording| (recording.source.to_string_lossy(), &recording.remarks[..]));
+    let files: Vec<_> = files.collect();
+    notes.extend(remarks(files.iter().map(|(file, remarks)| (file.as_ref(), *remarks))));
     if let Some(guessed) = recordings.iter().find(|recording| recording.rate_assumed) {
         notes.push(format!("{} does not state its rate; {rate_hz} Hz assumed", guessed.source.display()));
     }

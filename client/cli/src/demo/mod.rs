@@ -257,6 +257,7 @@ fn path_arguments(path: &PathArgs) -> Vec<String> {
     out.extend(option("--style", Some(path.style)));
     out.extend(option("--label", path.label.as_ref()));
     out.extend(option("--segments", path.segments.map(|(first, last)| format!("{first}-{last}"))));
+    out.extend(option("--unit", path.unit.unit.as_ref()));
     out
 }
 
@@ -267,6 +268,7 @@ fn option(name: &str, value: Option<impl ToString>) -> Vec<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::units::UnitArgs;
     use clap::Parser;
 
     #[derive(Debug, Parser)]
@@ -285,14 +287,15 @@ mod tests {
             height: 0.02,
             label: Some("K".to_owned()),
             segments: Some((3, 9)),
+            unit: UnitArgs { unit: Some("mm,us".to_owned()) },
             ..PathArgs::default()
         };
         let arguments = [words(&["child"]), settings_arguments(&source), path_arguments(&path)].concat();
         let line = Line::try_parse_from(arguments).unwrap();
         assert_eq!(line.settings.source().unwrap(), source);
         assert_eq!(
-            (line.path.height, line.path.label, line.path.segments),
-            (path.height, path.label, path.segments)
+            (line.path.height, line.path.label, line.path.segments, line.path.unit),
+            (path.height, path.label, path.segments, path.unit)
         );
     }
 }

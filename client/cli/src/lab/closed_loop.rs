@@ -21,6 +21,7 @@ use crate::arm::options::JointArgs;
 use crate::failure::Failure;
 use crate::output::{JsonArgs, note, say, say_lines, tell};
 use crate::settings::SettingsArgs;
+use crate::units::UnitArgs;
 use crate::values::number;
 
 #[derive(Debug, clap::Args)]
@@ -76,6 +77,9 @@ pub(crate) struct ClosedLoopArgs {
     /// Add every sequence's scores to the JSON, for paired comparisons
     #[arg(long, requires = "json", conflicts_with = "pareto")]
     each: bool,
+
+    #[command(flatten)]
+    unit: UnitArgs,
 
     /// Stop at a bad file instead of leaving it out
     #[arg(long)]
@@ -220,6 +224,7 @@ fn written(
         lift: if args.lifts == "travel" { Lift::Travel } else { Lift::Leap },
         sequences: args.limit,
         hands: args.hands,
+        units: args.unit.units(),
     };
     hands_of_set(folder, &options, arms, config, &tell)
 }

@@ -8,12 +8,16 @@ use foretrace_sim::data::Split;
 use super::table;
 use crate::failure::Failure;
 use crate::output::{JsonArgs, say_lines};
+use crate::units::UnitArgs;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct EvaluateArgs {
     /// Data-set folder
     #[arg(long, value_name = "DIR")]
     data: PathBuf,
+
+    #[command(flatten)]
+    unit: UnitArgs,
 
     /// Stop at a bad file instead of leaving it out
     #[arg(long)]
@@ -55,7 +59,7 @@ pub(super) fn run(args: &EvaluateArgs) -> Result<(), Failure> {
             format_args!("leave --cold out, or choose from {}", cold.join(", ")),
         ));
     }
-    let set = table::load(&args.data, &args.split, args.cold, args.strict)?;
+    let set = table::load(&args.data, &args.split, args.cold, args.strict, &args.unit)?;
     let scored = table::scored(&models, &set)?;
     say_lines(prediction::table::lines(&set, &scored));
     args.json.write(&prediction::table::json(&set, &scored))

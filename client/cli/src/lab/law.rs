@@ -13,6 +13,7 @@ use super::progress::StepProgress;
 use crate::failure::Failure;
 use crate::output::{JsonArgs, say, tell};
 use crate::settings::SettingsArgs;
+use crate::units::UnitArgs;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct LawArgs {
@@ -40,6 +41,9 @@ pub(crate) struct LawArgs {
     #[arg(long, value_name = "N", value_parser = super::count)]
     hands: Option<usize>,
 
+    #[command(flatten)]
+    unit: UnitArgs,
+
     /// Stop at a bad file instead of leaving it out
     #[arg(long)]
     strict: bool,
@@ -63,6 +67,7 @@ pub(super) fn run(args: &LawArgs) -> Result<(), Failure> {
             lift: Lift::Leap,
             sequences: args.limit,
             hands: args.hands,
+            units: args.unit.units(),
         };
         let (set, arms) = hands_of_set(folder, &options, arms(&args.arms)?, &config, &tell)?;
         let law = LawParameters::SHIPPED;

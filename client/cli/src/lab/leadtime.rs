@@ -13,12 +13,16 @@ use super::progress::StepProgress;
 use super::{say_picture, table};
 use crate::failure::Failure;
 use crate::output::{JsonArgs, note, say, say_lines};
+use crate::units::UnitArgs;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct LeadtimeArgs {
     /// Data-set folders
     #[arg(long, value_name = "DIR", value_delimiter = ',', required = true)]
     data: Vec<PathBuf>,
+
+    #[command(flatten)]
+    unit: UnitArgs,
 
     /// Stop at a bad file instead of leaving it out
     #[arg(long)]
@@ -54,7 +58,7 @@ pub(super) fn run(args: &LeadtimeArgs) -> Result<(), Failure> {
             Some(split) => split.clone(),
             None => usual_split(folder)?,
         };
-        sets.push(table::load(folder, &split, exports.is_some(), args.strict)?);
+        sets.push(table::load(folder, &split, exports.is_some(), args.strict, &args.unit)?);
     }
     if let Some(twice) =
         sets.iter().enumerate().find(|(i, set)| sets.iter().take(*i).any(|s| s.name == set.name))

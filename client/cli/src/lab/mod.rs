@@ -27,6 +27,7 @@ use signal_hook::iterator::Signals;
 use crate::failure::{Cause, Failure};
 use crate::output::{JsonArgs, note, say};
 use crate::settings::SettingsArgs;
+use crate::units::UnitArgs;
 
 /// `foretrace lab ...`
 #[derive(Debug, clap::Subcommand)]
@@ -92,6 +93,9 @@ pub(crate) struct LabArgs {
     /// Part of the set: a word of its split.tsv, or all
     #[arg(long, value_name = "WORD", default_value = "test")]
     split: Split,
+
+    #[command(flatten)]
+    unit: UnitArgs,
 
     /// Stop at a bad file instead of leaving it out
     #[arg(long)]
@@ -194,9 +198,13 @@ impl Experiment {
         let wrong = |error: &dyn std::fmt::Display| {
             Failure::bad_input(error, "give a data-set folder (--data) and a label in it (--label)")
         };
-        let set = DataSet::load(&args.data, &args.split, args.strict).map_err(|error| wrong(&error))?;
+        let set = DataSet::load_in(&args.data, &args.split, args.strict, args.unit.units())
+            .map_err(|error| wrong(&error))?;
         for error in &set.errors {
             note!("lab: {error}");
+        }
+        for remark in set.remarks() {
+            note!("lab: {remark}");
         }
         let labels = match args.label.as_str() {
             "all" => Labels::All,

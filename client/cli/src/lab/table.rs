@@ -8,10 +8,17 @@ use foretrace_sim::data::Split;
 use super::progress::StepProgress;
 use crate::failure::Failure;
 use crate::output::note;
+use crate::units::UnitArgs;
 
 /// Loads a set and reports the files left out; strict: a bad file is an error.
-pub(super) fn load(folder: &Path, split: &Split, cold: bool, strict: bool) -> Result<Set, Failure> {
-    let set = Set::load(folder, split, cold).map_err(|error| {
+pub(super) fn load(
+    folder: &Path,
+    split: &Split,
+    cold: bool,
+    strict: bool,
+    unit: &UnitArgs,
+) -> Result<Set, Failure> {
+    let set = Set::load_in(folder, split, cold, unit.units()).map_err(|error| {
         Failure::bad_input(error, "give a data-set folder (--data) and a part of it (--split)")
     })?;
     if let Some(first) = set.refused.first().filter(|_| strict) {
@@ -19,6 +26,9 @@ pub(super) fn load(folder: &Path, split: &Split, cold: bool, strict: bool) -> Re
     }
     for error in &set.refused {
         note!("lab: left out: {error}");
+    }
+    for remark in &set.remarks {
+        note!("lab: {remark}");
     }
     if set.scored.is_empty() {
         let what = format_args!("{}: no character of this part has pen-down points", folder.display());

@@ -14,6 +14,7 @@ use super::say_picture;
 use super::table;
 use crate::failure::Failure;
 use crate::output::{JsonArgs, note, say, say_lines};
+use crate::units::UnitArgs;
 
 /// Where this table differs from the paper's.
 const FOOTER: &str = "
@@ -36,6 +37,9 @@ pub(crate) struct Table1Args {
     /// Data-set folder with a train and a test part
     #[arg(long, value_name = "DIR")]
     data: PathBuf,
+
+    #[command(flatten)]
+    unit: UnitArgs,
 
     /// Stop at a bad file instead of leaving it out
     #[arg(long)]
@@ -77,7 +81,7 @@ pub(super) fn run(args: &Table1Args) -> Result<(), Failure> {
     }
     // Wrong names are reported before anything is loaded or trained.
     let mut models = if shipped.is_empty() { Vec::new() } else { table::models(&shipped.join(","))? };
-    let set = table::load(&args.data, &Split::test(), false, args.strict)?;
+    let set = table::load(&args.data, &Split::test(), false, args.strict, &args.unit)?;
     for (index, name) in names.iter().enumerate() {
         if let Some(cells) = cells_to_train(args, name) {
             models.insert(index.min(models.len()), trained(name, cells, &set)?);

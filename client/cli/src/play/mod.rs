@@ -35,7 +35,7 @@ const NAP_NS: u64 = 100_000_000;
 /// Play handwriting into the loop, in real time, as a pen tablet would
 ///
 /// SOURCE is one or more recordings (UNIPEN, InkML, Character Trajectories), a data-set folder (its test
-/// part, or all where it has none), one CSV with the columns t_s,x_m,y_m,contact, one .mcap file of
+/// part, or all where it has none), one CSV with columns of time, x and y, one .mcap file of
 /// foretrace record, or glyphs:TEXT for the built-in writer. Recorded ink is recentred into the workspace
 /// of the settings; where a recording has no hover between two strokes, a lift and travel is inserted. A
 /// single - reads samples from a pipe, one line x_m,y_m,contact each, and sends them as they come.

@@ -11,6 +11,7 @@ use foretrace_sim::source::{self, PathOptions, PenSource, has_extension};
 
 use crate::failure::Failure;
 use crate::record::unrecorded;
+use crate::units::UnitArgs;
 use crate::values::positive;
 
 /// Placement of ink in the plane.
@@ -39,20 +40,25 @@ pub(crate) struct PathArgs {
     /// Play only characters FIRST to LAST of the recording, counted from 0
     #[arg(long, value_name = "FIRST[-LAST]", value_parser = segments)]
     pub(crate) segments: Option<(usize, usize)>,
+
+    #[command(flatten)]
+    pub(crate) unit: UnitArgs,
 }
 
 impl Default for PathArgs {
     fn default() -> Self {
-        let PathOptions { height_m: height, scale, speed, style, label, segments } = PathOptions::default();
-        Self { height, scale, speed, style, label, segments }
+        let PathOptions { height_m: height, scale, speed, style, label, segments, .. } =
+            PathOptions::default();
+        Self { height, scale, speed, style, label, segments, unit: UnitArgs::default() }
     }
 }
 
 impl PathArgs {
     /// Loads the sources `names` of the command line into the workspace of `settings`.
     pub(crate) fn load(&self, names: &[String], settings: &Settings) -> Result<PenSource, Failure> {
-        let Self { height, scale, speed, style, label, segments } = self.clone();
-        let options = PathOptions { height_m: height, scale, speed, style, label, segments };
+        let Self { height, scale, speed, style, label, segments, unit } = self.clone();
+        let units = unit.units();
+        let options = PathOptions { height_m: height, scale, speed, style, label, segments, units };
         match names {
             [file] if has_extension(file, "mcap") => {
                 Ok(PenSource::of(recorded_pen(Path::new(file))?, &options, settings))

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use foretrace_config::Config;
 use foretrace_failure::Failure;
-use foretrace_sim::data::{DataSet, Split, median_glyph_height};
+use foretrace_sim::data::{CsvUnits, DataSet, Split, median_glyph_height};
 use foretrace_sim::path::Lift;
 
 use super::{BenchArm, Hand, hand_of_text, hands};
@@ -24,6 +24,8 @@ pub struct HandOptions {
     /// Most sequences of a hand, and most hands.
     pub sequences: Option<usize>,
     pub hands: Option<usize>,
+    /// Units for columns whose names have none.
+    pub units: CsvUnits,
 }
 
 /// The texts, each in a hand of its own, on the paper of each arm.
@@ -70,12 +72,17 @@ pub fn hands_of_set(
         None if has("test") => Split::test(),
         None => Split::All,
     };
-    let scored = DataSet::load(folder, &split, options.strict).map_err(|error| wrong(&error))?;
+    let scored =
+        DataSet::load_in(folder, &split, options.strict, options.units).map_err(|error| wrong(&error))?;
     for error in &scored.errors {
         tell(&format!("lab: left out: {error}"));
     }
+    for remark in scored.remarks() {
+        tell(&format!("lab: {remark}"));
+    }
     let scale_by = if has("train") { "train".parse().map_err(|error| wrong(&error))? } else { Split::All };
-    let scale = DataSet::load(folder, &scale_by, options.strict).map_err(|error| wrong(&error))?;
+    let scale =
+        DataSet::load_in(folder, &scale_by, options.strict, options.units).map_err(|error| wrong(&error))?;
     let median_height = median_glyph_height(scale.characters())
         .ok_or_else(|| wrong(&format_args!("{}: no glyph with a height to scale by", folder.display())))?;
     let title = match &split {

@@ -1,4 +1,5 @@
-//! Characters as the prediction tables see them: displacements per sample between pen-down points.
+//! Characters as the prediction tables see them: displacements per sample between pen-down points, of uneven
+//! stamps on the pen grid of the loop.
 //!
 //! v[t] = p[t+1] − p[t] over the pen-down points of all strokes concatenated, in raw units per sample; a step
 //! across two strokes stays in as one large step (`jump`); five zero steps follow. Repeated points and
@@ -38,7 +39,7 @@ impl CharacterSequence {
         let mut jump = Vec::new();
         let mut last: Option<[f64; 2]> = None;
         for component in character.components.iter().filter(|c| c.contact) {
-            for (index, &[x, y]) in component.points.iter().enumerate() {
+            for (index, &[x, y]) in component.even_points(file.recording.rate_hz).iter().enumerate() {
                 if let Some([x0, y0]) = last {
                     v.push([x - x0, y - y0]);
                     jump.push(index == 0);
@@ -94,13 +95,14 @@ mod tests {
             units_per_m: Some([50_000.0; 2]),
             quantity: Quantity::Position,
             segments: vec![character],
+            remarks: Vec::new(),
         };
         let file = SetFile { file: "data/a.dat".to_owned(), recording };
         DataSet { name: "set".to_owned(), files: vec![file], errors: Vec::new() }
     }
 
     fn stroke(contact: bool, points: &[[f64; 2]]) -> Component {
-        Component { contact, points: points.to_vec(), dt_before_s: None }
+        Component { contact, points: points.to_vec(), ..Component::default() }
     }
 
     #[test]
@@ -117,6 +119,22 @@ mod tests {
         let within: Vec<bool> = (0..5).map(|t| sequence.within_stroke(t)).collect();
         assert_eq!(within, [true, true, false, false, true]);
         assert_eq!((sequence.segment, sequence.label.as_str()), (3, "x"));
+    }
+
+    #[test]
+    fn strokes_of_uneven_stamps_have_the_steps_of_even_ones() {
+        let line = |stamps_s: &[f64]| Component {
+            contact: true,
+            points: stamps_s.iter().map(|t| [100.0 * t, 0.0]).collect(),
+            stamps_s: stamps_s.to_vec(),
+            ..Component::default()
+        };
+        let set = set(vec![line(&[0.0, 0.002, 0.011, 0.013, 0.021]), line(&[0.5, 0.508, 0.51])]);
+        let [sequence] = &sequences(&set)[..] else { panic!("one sequence") };
+        let moving: Vec<f64> = sequence.v.iter().take(7).map(|[x, _]| *x).collect();
+        let wanted = [0.5, 0.5, 0.5, 0.5, 48.0, 0.5, 0.5];
+        assert!(moving.iter().zip(wanted).all(|(x, w)| (x - w).abs() < 1e-9), "{moving:?}");
+        assert_eq!(sequence.jump[..7], [false, false, false, false, true, false, false]);
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use foretrace_sim::data::{DataSet, SetError, Split};
+use foretrace_sim::data::{CsvUnits, DataSet, SetError, Split};
 
 use super::{CharacterSequence, sequences};
 
@@ -20,6 +20,8 @@ pub struct Set {
     pub cold: bool,
     /// Files that were left out, with reasons.
     pub refused: Vec<String>,
+    /// What of the others was not taken as it stands.
+    pub remarks: Vec<String>,
 }
 
 impl Set {
@@ -31,12 +33,20 @@ impl Set {
     /// # Errors
     /// [`SetError`]: a folder, table or part that cannot be read.
     pub fn load(folder: &Path, split: &Split, cold: bool) -> Result<Self, SetError> {
-        let scored = DataSet::load(folder, split, false)?;
+        Self::load_in(folder, split, cold, CsvUnits::default())
+    }
+
+    /// As [`Set::load`], with units for columns whose names have none.
+    ///
+    /// # Errors
+    /// As [`Set::load`].
+    pub fn load_in(folder: &Path, split: &Split, cold: bool, units: CsvUnits) -> Result<Self, SetError> {
+        let scored = DataSet::load_in(folder, split, false, units)?;
         let held_out = *split != Split::All && *split != Split::train();
         let has_train = DataSet::splits(folder)?.iter().any(|word| word == "train");
         let mut train = None;
         if held_out && has_train && !cold {
-            let mut set = DataSet::load(folder, &Split::train(), false)?;
+            let mut set = DataSet::load_in(folder, &Split::train(), false, units)?;
             // A table may put a file into several parts.
             set.files.retain(|file| scored.files.iter().all(|other| other.file != file.file));
             train = Some(set);
@@ -49,6 +59,7 @@ impl Set {
             train: train.as_ref().map(sequences).unwrap_or_default(),
             cold,
             refused: errors.map(ToString::to_string).collect(),
+            remarks: scored.remarks(),
         })
     }
 

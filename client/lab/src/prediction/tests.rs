@@ -1,5 +1,6 @@
 //! Ranking: no leak from the scored part, and messages about names, units and models that cannot train.
 
+use super::lead_time::{Entrant, compare};
 use super::*;
 use foretrace_sim::data::Split;
 use std::path::Path;
@@ -120,4 +121,66 @@ fn rows_have_the_documented_keys_and_null_where_unknown() {
     assert_eq!(leads, ["1", "10", "2", "5"]);
     assert!(json["rms_mm_10"].is_null() && json["train_s_per_epoch"].is_null());
     assert!(json["ps_b"].is_number() && json["ps_lstm"].is_number());
+}
+
+/// RMS errors \[mm\] of a pen at constant velocity, 10 and 200 ms ahead, on the one file of a folder.
+fn constant_velocity_errors(name: &str, text: &str) -> [f64; 2] {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join(name), text).unwrap();
+    let set = Set::load(folder.path(), &Split::All, false).unwrap();
+    assert_eq!((set.refused.len(), set.scored.len()), (0, 1), "{:?}", set.refused);
+    let entrants = [Entrant::Model(Model::named("constant-velocity").unwrap())];
+    let (boards, _) = compare(&entrants, &[set], &|| ()).unwrap();
+    assert_eq!(boards[0].unit, "mm");
+    let leads = &boards[0].models[0].leads;
+    [10, 200].map(|ms| leads.iter().find(|row| row.lead_ms == ms).unwrap().rms.unwrap())
+}
+
+/// A circle of 30 mm radius in 1 s, as times \[s\] and places \[m\], 8 s of it.
+fn circle(step_s: impl Fn(usize) -> f64) -> Vec<[f64; 3]> {
+    let mut t_s = 0.0;
+    let mut samples = Vec::new();
+    while t_s < 8.0 {
+        let (sin, cos) = (std::f64::consts::TAU * t_s).sin_cos();
+        samples.push([t_s, 0.03 * cos, 0.03 * sin]);
+        t_s += step_s(samples.len());
+    }
+    samples
+}
+
+#[test]
+fn a_circle_has_its_error_whatever_its_stamps_and_format_are() {
+    let uneven = circle(|k| if (k * k / 7) % 3 == 0 { 0.012 } else { 0.004 });
+    let csv = |samples: &[[f64; 3]]| {
+        let row = |[t, x, y]: &[f64; 3]| format!("{t:.5},{x:.7},{y:.7},1\n");
+        format!("t_s,x_m,y_m,contact\n{}", samples.iter().map(row).collect::<String>())
+    };
+    let inkml = |samples: &[[f64; 3]]| {
+        let point = |[t, x, y]: &[f64; 3]| format!("{:.3} {:.4} {:.4}", t * 1e3, x * 1e5, y * 1e5);
+        let points: Vec<String> = samples.iter().map(point).collect();
+        format!(
+            "<ink><inkSource><traceFormat><channel name=\"T\"/><channel name=\"X\" units=\"cm\"/>\
+             <channel name=\"Y\" units=\"cm\"/></traceFormat><channelProperties>\
+             <channelProperty channel=\"X\" name=\"resolution\" value=\"1000\" units=\"1/cm\"/>\
+             <channelProperty channel=\"Y\" name=\"resolution\" value=\"1000\" units=\"1/cm\"/>\
+             </channelProperties></inkSource><trace>{}</trace></ink>",
+            points.join(",")
+        )
+    };
+    let unipen = |samples: &[[f64; 3]]| {
+        let row = |[t, x, y]: &[f64; 3]| format!("{:.4} {:.4} {:.3}\n", x * 1e5, y * 1e5, t * 1e3);
+        let rows: String = samples.iter().map(row).collect();
+        format!(
+            ".COORD X Y T\n.X_POINTS_PER_MM 100\n.Y_POINTS_PER_MM 100\n.SEGMENT CHARACTER\n.PEN_DOWN\n{rows}"
+        )
+    };
+    let [near, far] = constant_velocity_errors("even.csv", &csv(&circle(|_| 1.0 / 150.0)));
+    assert!((far - 23.4).abs() < 0.1 && (near - 0.1).abs() < 0.02, "{near} {far}");
+    for (name, text) in
+        [("uneven.csv", csv(&uneven)), ("uneven.inkml", inkml(&uneven)), ("uneven.dat", unipen(&uneven))]
+    {
+        let [uneven_near, uneven_far] = constant_velocity_errors(name, &text);
+        assert!((uneven_far / far - 1.0).abs() < 0.01, "{name}: {uneven_far}, not {far}");
+        assert!((uneven_near - near).abs() < 0.025, "{name}: {uneven_near}, not {near}");
+    }
 }

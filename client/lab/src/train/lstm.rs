@@ -192,6 +192,7 @@ impl LstmData {
         for folder in &options.data {
             let set = DataSet::load(folder, &options.split, options.strict).map_err(|error| wrong(&error))?;
             set.errors.iter().for_each(|error| tell(&format!("lab: {error}")));
+            set.remarks().iter().for_each(|remark| tell(&format!("lab: {remark}")));
             items.extend(corpus::items(&set));
             names.push(set.name);
         }

@@ -1,14 +1,12 @@
 //! The formats of recordings: recognised by contents, loaded into one form.
 
-use super::Recording;
 use super::csv::{begins_csv, parse_csv_recording};
 use super::file::{FileError, open, read_limited, unreadable};
-use super::foreign::foreign;
+use super::hint::what_it_is;
 use super::mcap_pen::{begins_mcap, load_mcap, read_mcap};
-use super::mcap_records::SNIFFED;
+use super::{CsvUnits, Recording, decoded};
 #[cfg(feature = "formats")]
 use crate::formats::{parse_inkml, parse_mat, parse_unipen};
-use std::borrow::Cow;
 use std::fmt;
 use std::io::{Cursor, Read as _};
 use std::path::Path;
@@ -26,7 +24,7 @@ pub enum Format {
     Mat,
     /// W3C InkML.
     InkMl,
-    /// Plain CSV with `t_s,x_m,y_m,contact`, foretrace's own recordings included.
+    /// CSV with columns of time, x and y, foretrace's own recordings included.
     Csv,
     /// MCAP: foretrace's own recordings of everything.
     Mcap,
@@ -49,9 +47,17 @@ impl fmt::Display for Format {
 /// # Errors
 /// [`FileError`] with file, line and reason; a file of no known format is refused with the formats there are.
 pub fn load_recording(path: &Path) -> Result<Recording, FileError> {
+    load_recording_in(path, CsvUnits::default())
+}
+
+/// As [`load_recording`], with units for columns whose names have none.
+///
+/// # Errors
+/// As [`load_recording`].
+pub fn load_recording_in(path: &Path, units: CsvUnits) -> Result<Recording, FileError> {
     match Format::of_file(path)? {
-        Some(Format::Mcap) => Format::Mcap.load(path),
-        _ => parse_recording(&read_limited(path)?, path),
+        Some(Format::Mcap) => Format::Mcap.load(path, units),
+        _ => parse_in(&read_limited(path)?, path, units),
     }
 }
 
@@ -61,22 +67,26 @@ pub fn load_recording(path: &Path) -> Result<Recording, FileError> {
 /// # Errors
 /// As [`load_recording`].
 pub fn parse_recording(bytes: &[u8], path: &Path) -> Result<Recording, FileError> {
+    parse_in(bytes, path, CsvUnits::default())
+}
+
+fn parse_in(bytes: &[u8], path: &Path, units: CsvUnits) -> Result<Recording, FileError> {
     let head = bytes.get(..SNIFFED_BYTES).unwrap_or(bytes);
     match Format::of_contents(head).or_else(|| Format::of_name(path)) {
-        Some(format) => format.parse(bytes, path),
+        Some(format) => format.parse(bytes, path, units),
         None => {
-            if let Some(why) = foreign(head, bytes.len() as u64) {
-                return Err(FileError::whole(path, why));
-            }
-            let why = format!("not a recording in a known format; legal: {}", Format::ALL_NAMES);
-            Err(FileError::whole(path, why))
+            let what = what_it_is(head).map_or_else(
+                || "not a recording in a known format".to_owned(),
+                |what| format!("not a recording: {what}"),
+            );
+            Err(FileError::whole(path, format!("{what}; legal: {}", Format::ALL_NAMES)))
         }
     }
 }
 
 impl Format {
     pub(super) const ALL_NAMES: &str = "UNIPEN text, InkML, MATLAB v5 (UCI Character Trajectories), CSV with \
-                                        the columns t_s,x_m,y_m,contact, or MCAP of foretrace record";
+                                        columns of time, x and y, or MCAP of foretrace record";
 
     /// The part that a file's name tells in sets that are published without a table.
     pub(super) fn natural_split(self, file: &str) -> Option<&'static str> {
@@ -93,21 +103,21 @@ impl Format {
     }
 
     /// Loads `path` as this format.
-    pub(super) fn load(self, path: &Path) -> Result<Recording, FileError> {
+    pub(super) fn load(self, path: &Path, units: CsvUnits) -> Result<Recording, FileError> {
         match self {
             // Far larger than its pen.
             Self::Mcap => load_mcap(path),
-            _ => self.parse(&read_limited(path)?, path),
+            _ => self.parse(&read_limited(path)?, path, units),
         }
     }
 
-    fn parse(self, bytes: &[u8], path: &Path) -> Result<Recording, FileError> {
+    fn parse(self, bytes: &[u8], path: &Path, units: CsvUnits) -> Result<Recording, FileError> {
+        // Only its name tells this format: it may be something else that is known.
         let head = bytes.get(..SNIFFED_BYTES).unwrap_or(bytes);
-        // Where the name alone told the format: what the file really is.
-        if self != Self::Mcap
-            && let Some(why) = foreign(head, bytes.len() as u64)
+        if Self::of_contents(head).is_none()
+            && let Some(what) = what_it_is(head)
         {
-            return Err(FileError::whole(path, why));
+            return Err(FileError::whole(path, format!("not {self}: {what}")));
         }
         match self {
             #[cfg(feature = "formats")]
@@ -124,7 +134,7 @@ impl Format {
                      `formats` (or `lab`, which includes it)"
                 ),
             )),
-            Self::Csv => parse_csv_recording(bytes, path),
+            Self::Csv => parse_csv_recording(bytes, path, units),
             Self::Mcap => read_mcap(Cursor::new(bytes), bytes.len() as u64, path),
         }
     }
@@ -132,10 +142,7 @@ impl Format {
     /// The format by a file's first bytes; `None` when it is not a recording. Errors where the file cannot be
     /// read.
     pub(super) fn of_file(path: &Path) -> Result<Option<Self>, FileError> {
-        let file = open(path)?;
-        let mut head = Vec::new();
-        file.take(SNIFFED_BYTES as u64).read_to_end(&mut head).map_err(|e| unreadable(path, e))?;
-        Ok(Self::of_contents(&head))
+        Ok(Self::of_contents(&head_of(path)?))
     }
 
     fn of_contents(head: &[u8]) -> Option<Self> {
@@ -148,7 +155,7 @@ impl Format {
         if begins_inkml(head) {
             return Some(Self::InkMl);
         }
-        let text = String::from_utf8_lossy(head);
+        let text = decoded(head);
         if begins_csv(&text) {
             return Some(Self::Csv);
         }
@@ -166,20 +173,19 @@ impl Format {
             "dat" | "tra" | "tes" | "upn" => Some(Self::Unipen),
             "mat" => Some(Self::Mat),
             "inkml" => Some(Self::InkMl),
-            "csv" => Some(Self::Csv),
+            "csv" | "tsv" => Some(Self::Csv),
             "mcap" => Some(Self::Mcap),
             _ => None,
         }
     }
 }
 
-/// What the file `path` is, if it is known for something else than a recording and has contents, and what to
-/// do.
-pub(super) fn foreign_file(path: &Path) -> Option<String> {
-    let file = open(path).ok()?;
+/// The bytes of a file that decide its format.
+pub(super) fn head_of(path: &Path) -> Result<Vec<u8>, FileError> {
+    let file = open(path)?;
     let mut head = Vec::new();
-    file.take(SNIFFED as u64).read_to_end(&mut head).ok()?;
-    if head.is_empty() { None } else { foreign(&head, head.len() as u64) }
+    file.take(SNIFFED_BYTES as u64).read_to_end(&mut head).map_err(|e| unreadable(path, e))?;
+    Ok(head)
 }
 
 /// Whether a file begins as MATLAB's do, readable version or not.
@@ -199,23 +205,6 @@ fn begins_inkml(head: &[u8]) -> bool {
         name == "ink" || name.ends_with(":ink")
     };
     text.starts_with('<') && text.match_indices('<').any(is_root)
-}
-
-/// UTF-16 by its mark, UTF-8 where it is that, else Latin-1.
-pub(crate) fn decoded(bytes: &[u8]) -> Cow<'_, str> {
-    let wide = |from: fn([u8; 2]) -> u16| {
-        let units = bytes.as_chunks::<2>().0.iter().map(|pair| from(*pair));
-        let text = char::decode_utf16(units).map(|c| c.unwrap_or(char::REPLACEMENT_CHARACTER));
-        Cow::Owned(text.collect::<String>())
-    };
-    match bytes {
-        [0xff, 0xfe, ..] => wide(u16::from_le_bytes),
-        [0xfe, 0xff, ..] => wide(u16::from_be_bytes),
-        _ => match std::str::from_utf8(bytes) {
-            Ok(text) => Cow::Borrowed(text),
-            Err(_) => Cow::Owned(bytes.iter().copied().map(char::from).collect()),
-        },
-    }
 }
 
 #[cfg(all(test, not(feature = "formats")))]

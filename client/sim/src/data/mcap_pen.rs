@@ -149,7 +149,12 @@ pub(super) fn read_mcap(from: impl Read + Seek, length: u64, path: &Path) -> Res
         return Err(FileError::whole(path, why));
     }
     let mut recording = recording_of(&pen, pen.rate_hz, String::new(), path);
-    recording.notes.extend(damage.map(|damage| format!("it ends early, {damage}; what comes before is read, and `foretrace record --repair` makes a whole file of it")));
+    recording.damage = damage.map(|damage| {
+        format!(
+            "it ends early, {damage}; what comes before is read, and `foretrace record --repair` makes a whole \
+             file of it"
+        )
+    });
     Ok(recording)
 }
 

@@ -7,30 +7,37 @@
 
 mod file;
 mod foreign;
-mod csv_lines;
+mod decode;
+mod remark;
+mod stamps;
 mod csv;
 mod pen_log;
 mod mcap_chunk;
 mod mcap_record;
 mod mcap_records;
 mod mcap_pen;
+mod hint;
 mod format;
 mod split;
 mod set;
 
-pub use csv::{load_csv, write_csv};
+pub(crate) use csv::read_csv;
+pub use csv::{CsvUnits, load_csv, write_csv};
+pub(crate) use decode::decoded;
 pub use file::FileError;
 pub use foreign::folder_for_file;
-#[cfg(feature = "formats")]
-pub(crate) use format::decoded;
-pub use format::{Format, load_recording, parse_recording};
+pub use format::{Format, load_recording, load_recording_in, parse_recording};
 pub use mcap_pen::{PenSeen, PenTable};
 pub use mcap_record::parse_mcap_record;
 pub use mcap_records::{McapEnd, McapRecords};
 pub use pen_log::{PenLog, PenLogSummary};
+pub use remark::{Remark, remarks};
 pub use set::{DataSet, SetError, SetFile};
 pub use split::Split;
+#[cfg(feature = "formats")]
+pub(crate) use stamps::settle;
 
+use std::borrow::Cow;
 use std::path::PathBuf;
 
 /// Foreign text for a message: its first `most` characters.
@@ -52,14 +59,16 @@ pub struct Recording {
     pub rate_hz: f64,
     /// The file does not state the rate; the format's usual one was taken.
     pub rate_assumed: bool,
-    /// What of the file was left out, a sentence each.
-    pub notes: Vec<String>,
+    /// Where and why the file ends early, and what to do: what comes before its damage was read.
+    pub damage: Option<String>,
     /// Device units per metre along x and y, where the file states both.
     pub units_per_m: Option<[f64; 2]>,
     /// The quantity that was recorded.
     pub quantity: Quantity,
     /// The characters, in file order.
     pub segments: Vec<Character>,
+    /// What of the file was not taken as it stands.
+    pub remarks: Vec<Remark>,
 }
 
 /// What a file holds per sample. Points are positions in either case.
@@ -83,18 +92,53 @@ pub struct Character {
     pub components: Vec<Component>,
 }
 
-/// A run of points with the pen on or above the surface, sampled at the device's rate.
-#[derive(Debug, Clone, PartialEq)]
+/// A run of points with the pen on or above the surface, without a gap.
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Component {
     /// The pen touched the surface.
     pub contact: bool,
     /// Positions in device units, y upwards; repeated points are kept.
     pub points: Vec<[f64; 2]>,
+    /// When the pen was at each of the points, rising, on a clock of the recording \[s\]. Empty: the points
+    /// are one over the rate apart.
+    pub stamps_s: Vec<f64>,
     /// Recorded time without samples between the previous component and this one \[s\].
     pub dt_before_s: Option<f64>,
+    /// The stroke of the previous component goes on behind a gap: the pen was not lifted.
+    pub continues: bool,
+}
+
+impl Recording {
+    /// Gives points without stamps those of its rate, for a place among recordings of another rate.
+    pub(crate) fn stamp(&mut self) {
+        for character in &mut self.segments {
+            let mut now_s = 0.0;
+            for component in character.components.iter_mut() {
+                if let Some(gap_s) = component.dt_before_s {
+                    now_s += gap_s - 1.0 / self.rate_hz;
+                }
+                let missing = component.points.len() - component.stamps_s.len();
+                for _ in 0..missing {
+                    now_s += 1.0 / self.rate_hz;
+                    component.stamps_s.push(now_s);
+                }
+                now_s = component.stamps_s.last().copied().unwrap_or(now_s);
+            }
+        }
+    }
 }
 
 impl Component {
+    /// The points one over `rate_hz` apart: as they are where they have no stamps, else on the grid that the
+    /// loop lays over the samples of a live pen, beginning at the first point.
+    #[must_use]
+    pub fn even_points(&self, rate_hz: f64) -> Cow<'_, [[f64; 2]]> {
+        if self.stamps_s.is_empty() {
+            return Cow::Borrowed(&self.points);
+        }
+        Cow::Owned(stamps::on_grid(&self.points, &self.stamps_s, rate_hz))
+    }
+
     /// A place holder of the format (`0 0`, once), not a position of the pen.
     #[must_use]
     pub fn is_dummy(&self) -> bool {

@@ -11,7 +11,7 @@
 //! which is a readable recording itself and stays behind if the recorder is killed; the next one sets it
 //! aside as `NAME.interrupted-N`. Existing files are never overwritten.
 
-use super::csv_lines::{HEADER, MARK, UNKNOWN, VERSION, row};
+use super::csv::{HEADER, MARK, UNKNOWN, VERSION, row};
 use crate::path::PathSample;
 use crate::whole::begin;
 use std::fs::File;

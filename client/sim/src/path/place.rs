@@ -113,9 +113,9 @@ impl PenPath {
     /// Lays characters into the workspace as one path that starts at t = 0; the second value names what was
     /// skipped.
     ///
-    /// Time between samples is one over the rate, except across recorded gaps, which keep their duration
-    /// without samples, and synthetic travels. A character without components is a blank: on a line it takes
-    /// up space.
+    /// Time between samples is that of their stamps, else one over the rate, except across recorded gaps,
+    /// which keep their duration without samples, and synthetic travels. A character without components is a
+    /// blank: on a line it takes up space.
     ///
     /// # Errors
     /// [`PathError`]: a rate, height or size that is not positive, or no character that fits.
@@ -156,8 +156,8 @@ struct TimedPoint {
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Elapsed {
-    /// The next sample of the device.
-    Sampled,
+    /// The next sample of the device, so long after the one before [s].
+    Sampled(f64),
     /// Nothing was seen for this long \[s\].
     Gap(f64),
     /// A lift without recorded hover; lasts at least this long \[s\].
@@ -252,6 +252,7 @@ impl<'a> Placer<'a> {
         // Time passed since the last kept point without one being kept.
         let mut unseen_s = 0.0;
         let mut seen_last = true;
+        let mut last_s: Option<f64> = None;
         for component in &character.components {
             if let Some(gap_s) = component.dt_before_s {
                 unseen_s = (unseen_s + gap_s).min(GAP_MAX_S);
@@ -262,17 +263,27 @@ impl<'a> Placer<'a> {
             }
             for (index, point) in component.points.iter().enumerate() {
                 let at_m = [0, 1].map(|axis| point[axis] * self.metres_per_unit + offset[axis]);
+                let now_s = component.stamps_s.get(index).copied();
+                let told = index == 0 && component.dt_before_s.is_some();
+                let stamped_s = now_s.zip(last_s).map(|(now, last)| now - last).filter(|s| *s > 0.0);
+                last_s = now_s;
                 if !component.contact && !self.inside(at_m) {
-                    unseen_s += self.period_s;
+                    unseen_s +=
+                        if told && now_s.is_some() { 0.0 } else { stamped_s.unwrap_or(self.period_s) };
                     seen_last = false;
                     continue;
                 }
+                // A gap that the recording tells is the whole time since the last sample.
+                let since_s = match stamped_s.filter(|_| !told) {
+                    Some(stamped_s) => (unseen_s + stamped_s).min(GAP_MAX_S),
+                    None => unseen_s,
+                };
                 let link = match steps.last() {
                     Some(last) if index == 0 && self.lifted_unseen(last, component, at_m, seen_last) => {
-                        Elapsed::Travel(unseen_s)
+                        Elapsed::Travel(since_s)
                     }
-                    Some(_) if !seen_last => Elapsed::Gap(unseen_s.max(self.period_s)),
-                    _ => Elapsed::Sampled,
+                    Some(_) if !seen_last => Elapsed::Gap(since_s.max(self.period_s)),
+                    _ => Elapsed::Sampled(stamped_s.unwrap_or(self.period_s)),
                 };
                 steps.push(TimedPoint { at_m, contact: component.contact, link });
                 (unseen_s, seen_last) = (0.0, true);
@@ -284,7 +295,8 @@ impl<'a> Placer<'a> {
     /// Two strokes without a hover between them, or a jump that is too fast for a hand.
     fn lifted_unseen(&self, last: &TimedPoint, next: &Component, at_m: [f64; 2], seen_last: bool) -> bool {
         let leap_m = (at_m[0] - last.at_m[0]).hypot(at_m[1] - last.at_m[1]);
-        (last.contact && next.contact) || (seen_last && leap_m > self.placement.glyph_height_m)
+        (last.contact && next.contact && !next.continues)
+            || (seen_last && leap_m > self.placement.glyph_height_m)
     }
 
     /// Within reach of the tablet, which sees half a glyph beyond the workspace.
@@ -313,7 +325,8 @@ impl<'a> Placer<'a> {
             let elapsed_s = match link {
                 Elapsed::Gap(gap_s) => gap_s,
                 Elapsed::Travel(at_least_s) if leaps => at_least_s.max(self.period_s),
-                Elapsed::Sampled | Elapsed::Travel(_) => self.period_s,
+                Elapsed::Sampled(elapsed_s) => elapsed_s,
+                Elapsed::Travel(_) => self.period_s,
             };
             self.path.gaps += usize::from(matches!(link, Elapsed::Gap(_)));
             let t_s = self.path.samples.last().map_or(0.0, |last| last.t_s + elapsed_s);
@@ -346,11 +359,16 @@ impl<'a> Placer<'a> {
 
     /// Velocity with which the coming samples begin \[m/s\].
     fn arriving(&self, coming: &[TimedPoint]) -> [f64; 2] {
-        let run =
-            coming.iter().skip(1).take_while(|s| s.link == Elapsed::Sampled).take(JOIN_SAMPLES - 1).count();
+        let sampled_s = |step: &TimedPoint| match step.link {
+            Elapsed::Sampled(elapsed_s) => Some(elapsed_s),
+            _ => None,
+        };
+        let steps: Vec<f64> = coming.iter().skip(1).map_while(sampled_s).take(JOIN_SAMPLES - 1).collect();
+        let run = steps.len();
         match (coming.first(), coming.get(run)) {
             (Some(a), Some(b)) if run > 0 => {
-                let elapsed_s = run as f64 * self.period_s;
+                let even = steps.iter().all(|step| *step == self.period_s);
+                let elapsed_s = if even { run as f64 * self.period_s } else { steps.iter().sum() };
                 limited([0, 1].map(|axis| (b.at_m[axis] - a.at_m[axis]) / elapsed_s))
             }
             _ => [0.0; 2],

@@ -7,7 +7,7 @@ use proptest::prelude::*;
 const RATE_HZ: f64 = 200.0;
 
 fn component(contact: bool, dt_before_s: Option<f64>, points: &[[f64; 2]]) -> Component {
-    Component { contact, points: points.to_vec(), dt_before_s }
+    Component { contact, points: points.to_vec(), dt_before_s, ..Component::default() }
 }
 
 fn character(label: &str, components: Vec<Component>) -> Character {

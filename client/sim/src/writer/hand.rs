@@ -92,7 +92,7 @@ impl<'s> GlyphWriter<'s> {
             let point = [x + shake[0], y + shake[1]];
             match components.last_mut() {
                 Some(c) if c.contact == contact => c.points.push(point),
-                _ => components.push(Component { contact, points: vec![point], dt_before_s: None }),
+                _ => components.push(Component { contact, points: vec![point], ..Component::default() }),
             }
         }
         // Rounding may leave a sample of hover at either end; a glyph begins and ends on the paper.

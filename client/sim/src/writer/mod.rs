@@ -102,8 +102,16 @@ pub fn write_with(text: &str, style: &Style, rate_hz: f64) -> Result<Recording, 
     }
     let source = PathBuf::from(format!("glyphs:{text}"));
     let quantity = Quantity::Position;
-    let (units_per_m, notes) = (None, Vec::new());
-    Ok(Recording { source, rate_hz, rate_assumed: false, notes, units_per_m, quantity, segments })
+    Ok(Recording {
+        source,
+        rate_hz,
+        rate_assumed: false,
+        damage: None,
+        units_per_m: None,
+        quantity,
+        segments,
+        remarks: Vec::new(),
+    })
 }
 
 /// Writes `text` straight into the workspace; capitals get the placement's glyph height.

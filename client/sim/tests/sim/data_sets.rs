@@ -115,7 +115,7 @@ fn one_bad_file_stops_a_set_only_when_strict() {
         format!(
             "{path}/odd.bin: not a recording in a known format; legal: UNIPEN text, InkML, MATLAB v5 (UCI \
              Character \
-             Trajectories), CSV with the columns t_s,x_m,y_m,contact, or MCAP of foretrace record"
+             Trajectories), CSV with columns of time, x and y, or MCAP of foretrace record"
         ),
     ];
     assert_eq!((loaded.files.len(), found), (1, wanted.to_vec()));
@@ -146,8 +146,8 @@ fn recordings_of_everything_are_a_set_of_their_pens() {
 #[test]
 fn what_is_no_set_is_refused_with_what_would_be() {
     let table = |text: &'static str| [("split.tsv", text)];
-    let known = "UNIPEN text, InkML, MATLAB v5 (UCI Character Trajectories), CSV with the columns \
-                 t_s,x_m,y_m,contact, or MCAP of foretrace record";
+    let known = "UNIPEN text, InkML, MATLAB v5 (UCI Character Trajectories), CSV with columns of \
+                 time, x and y, or MCAP of foretrace record";
     let cases: [(&[(&str, &str)], String); 9] = [
         (&[], format!("SET: no recording in this folder; a set is a folder of {known}")),
         (&[("a.txt", "hello")], format!("SET: no recording in this folder; a set is a folder of {known}")),

@@ -126,6 +126,10 @@ fn check(recording: &Recording, bytes: usize) {
     for character in &recording.segments {
         for component in &character.components {
             assert!(!component.points.is_empty(), "an empty component");
+            let stamps = &component.stamps_s;
+            assert!(stamps.is_empty() || stamps.len() == component.points.len(), "stamps without points");
+            assert!(stamps.windows(2).all(|w| w[0] < w[1]), "stamps that do not rise");
+            assert!(component.even_points(recording.rate_hz).iter().flatten().all(|v| v.is_finite()));
             assert!(component.points.iter().flatten().all(|v| v.is_finite()), "a point that is not finite");
             assert!(component.dt_before_s.is_none_or(|gap| gap >= 0.0 && gap.is_finite()), "an illegal gap");
             points += component.points.len();
@@ -231,7 +235,10 @@ fn csv() {
     let own = "# foretrace-pen version=1 unit=m rate_hz=200.000        writer=anna\nt_s,x_m,y_m,contact\n\
                0.000000,0.1000000,0.0500000,1\n0.005000,0.1000000,0.0500000,1\n\
                0.010000,0.1000000,0.0500000,0\n";
-    fuzz("a.csv", &[plain.into(), own.into()]);
+    let pointer = "type,timeStamp,clientX,clientY,pressure,pointerId\npointerdown,10,1,2,0.1,1\npointermove,18,2,2,0.1,1\n\
+                   pointermove,30,2,3,0.1,1\npointerup,38,,,0,1\n";
+    let comma = "sep=;\n\"t_ms\";x_mm;y_mm;hover\n0;\"0,1\";0,2;0\n5;0,1;0,2;1\n5;0,1;0,2;1\n17;0,3;0,2;0\n";
+    fuzz("a.csv", &[plain.into(), own.into(), pointer.into(), comma.into()]);
 }
 
 #[test]

@@ -122,6 +122,112 @@ fn stamps_give_the_rate_and_the_gaps() {
     }
 }
 
+const XYT: &str =
+    "<traceFormat><channel name=\"X\"/><channel name=\"Y\"/><channel name=\"T\"/></traceFormat>";
+
+#[test]
+fn uneven_stamps_stay_with_their_points_and_a_gap_in_a_trace_is_no_lift() {
+    let r = good(&format!(
+        "<ink>{XYT}<trace>0 0 1000,1 0 1008,4 0 1032,5 0 1040,8 0 1064,8 0 1400,9 0 1408</trace></ink>"
+    ));
+    assert!((r.rate_hz - 5.0 / 0.072).abs() < 0.01 && !r.rate_assumed, "{}", r.rate_hz);
+    let [first, second] = &r.segments[0].components[..] else { panic!("{:?}", r.segments) };
+    let steps: Vec<f64> = first.stamps_s.windows(2).map(|w| ((w[1] - w[0]) * 1e3).round()).collect();
+    assert_eq!(steps, [8.0, 24.0, 8.0, 24.0]);
+    assert!(second.continues && second.dt_before_s.is_some_and(|gap_s| (gap_s - 0.336).abs() < 1e-9));
+    // At a constant speed even points are in line, whatever the stamps.
+    let even = first.even_points(r.rate_hz);
+    assert!(even.windows(2).all(|w| (w[1][0] - w[0][0] - 125.0 / r.rate_hz).abs() < 1e-6), "{even:?}");
+    assert_eq!(r.remarks, []);
+}
+
+#[test]
+fn equal_stamps_are_merged_and_steps_back_left_out_of_a_trace() {
+    let r = good(&format!("<ink>{XYT}<trace>0 0 0,1 0 5,2 0 5,9 0 3,3 0 10,4 0 15</trace></ink>"));
+    assert_eq!(r.segments[0].components[0].points, [[0.0, -0.0], [1.5, -0.0], [3.0, -0.0], [4.0, -0.0]]);
+    let told: Vec<u64> = r.remarks.iter().map(|remark| remark.count).collect();
+    assert_eq!((told, r.rate_hz.round()), (vec![1, 1], 200.0));
+    let message = load(format!("<ink>{XYT}<trace>0 0 9,1 0 5,2 0 4</trace></ink>").as_bytes()).unwrap_err();
+    assert!(message.starts_with("a.inkml: 2 of 3 stamps step back"), "{message}");
+}
+
+#[test]
+fn resolution_is_the_scale_of_the_values_beside_units_too() {
+    let file = |units: &str, value: &str, resolution: &str| {
+        good(&format!(
+            "<ink><definitions><context xml:id=\"c\"><inkSource><traceFormat>\
+             <channel name=\"X\" type=\"integer\" units=\"{units}\"/><channel name=\"Y\" units=\"{units}\"/>\
+             </traceFormat><channelProperties>\
+             <channelProperty channel=\"X\" name=\"resolution\" value=\"{value}\" units=\"{resolution}\"/>\
+             <channelProperty channel=\"Y\" name=\"resolution\" value=\"{value}\" units=\"{resolution}\"/>\
+             </channelProperties></inkSource></context></definitions>\
+             <trace contextRef=\"#c\">1 2,3 4</trace></ink>"
+        ))
+    };
+    for (units, value, resolution, per_m) in [
+        ("cm", "1000", "1/cm", 1e5),
+        ("himetric", "1000", "1/cm", 1e5),
+        ("himetric", "1", "1/himetric", 1e5),
+        ("himetric", "1", "1/dev", 1e5),
+        ("", "2540", "dpi", 1e5),
+        ("mm", "1/100", "mm", 1e5),
+        ("mm", "0.01", "mm", 1e5),
+        ("mm", "x", "1/mm", 1e3),
+    ] {
+        let [x, y] = file(units, value, resolution).units_per_m.unwrap();
+        assert!((x / per_m - 1.0).abs() < 1e-12 && x == y, "{units} {value} {resolution}: {x}");
+    }
+}
+
+#[test]
+fn traces_of_several_contexts_come_to_one_unit_and_clock() {
+    let r = good(
+        r##"<ink><definitions>
+<timestamp xml:id="t0" time="5000"/><timestamp xml:id="t1" timestampRef="#t0" timeOffset="1000"/>
+<traceFormat xml:id="xy"><channel name="X" units="mm"/><channel name="Y" units="mm"/>
+  <channel name="T" units="s" respectTo="#t0"/></traceFormat>
+<traceFormat xml:id="f"><channel name="F"/><channel name="T"/><channel name="Y" units="cm"/><channel name="OTx"/>
+  <channel name="X" units="cm"/><channel name="B" type="boolean"/></traceFormat>
+<context xml:id="a" traceFormatRef="#xy"/><context xml:id="b" traceFormatRef="#f" timestampRef="#t1"/></definitions>
+<traceGroup><trace contextRef="#a">10 20 0.0,11 20 0.01</trace>
+<trace contextRef="#b">500 100 2 45 1 T,510 110 '0.1'0'0 F</trace></traceGroup></ink>"##,
+    );
+    assert_eq!(r.units_per_m, Some([1.0; 2]));
+    let [first, second] = &r.segments[0].components[..] else { panic!("{:?}", r.segments) };
+    let near = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).abs() < 1e-12 && (a[1] - b[1]).abs() < 1e-12;
+    assert!(near(first.points[0], [0.01, -0.02]) && near(second.points[0], [0.01, -0.02]), "{r:?}");
+    assert!(near(second.points[1], [0.01, -0.021]), "{second:?}");
+    // 6.1 s less 5.01 s.
+    assert!(second.dt_before_s.is_some_and(|gap_s| (gap_s - 1.09).abs() < 1e-9), "{second:?}");
+}
+
+#[test]
+fn a_trace_without_a_context_has_the_only_one_and_its_own_duration() {
+    let format = "<traceFormat xml:id=\"f\"><channel name=\"Y\"/><channel name=\"X\"/><channel name=\"F\"/></traceFormat>";
+    for defined in [
+        format.to_owned(),
+        format!("<context xml:id=\"c\">{format}</context>"),
+        format!("{format}<context xml:id=\"c\" traceFormatRef=\"#f\"/>"),
+        format!("<inkSource xml:id=\"s\">{format}</inkSource>"),
+    ] {
+        let r = good(&format!(
+            "<ink><definitions>{defined}</definitions><trace timeOffset=\"100\" duration=\"20\">2 1 9,4 3 9,6 5 9</trace>\
+             <trace timeOffset=\"200\" duration=\"10\">2 1 9,4 3 9</trace></ink>"
+        ));
+        let [first, second] = &r.segments[0].components[..] else { panic!("{:?}", r.segments) };
+        assert_eq!(first.points, [[1.0, -2.0], [3.0, -4.0], [5.0, -6.0]], "{defined}");
+        assert!((r.rate_hz - 100.0).abs() < 1e-6 && !r.rate_assumed, "{}", r.rate_hz);
+        assert!(second.dt_before_s.is_some_and(|gap_s| (gap_s - 0.08).abs() < 1e-9), "{second:?}");
+    }
+    // Rates of two devices.
+    let r = good(
+        "<ink><inkSource><sampleRate value=\"100\"/></inkSource><trace>0 0,10 0,20 0</trace>\
+         <inkSource><sampleRate value=\"50\"/></inkSource><trace>0 0,20 0,40 0</trace></ink>",
+    );
+    let lengths: Vec<usize> = r.segments[0].components.iter().map(|c| c.even_points(100.0).len()).collect();
+    assert_eq!(lengths, [3, 5]);
+}
+
 #[test]
 fn continued_traces_are_one_and_utf_16_is_read() {
     let text = "<ink><trace id=\"a\" continuation=\"begin\">1 1</trace><trace>5 5</trace>\
@@ -176,9 +282,10 @@ fn every_refusal_names_file_line_and_reason() {
             "a.inkml:2: orientation is \"up\"; legal: +ve, -ve",
         ),
         (
-            "<ink><inkSource><sampleRate value=\"9\"/></inkSource><trace>1 2</trace>\
-             <inkSource><sampleRate value=\"8\"/></inkSource><trace>1 2</trace></ink>",
-            "a.inkml: traces of 9 Hz and of 8 Hz in one file; keep one rate per file",
+            "<ink><traceFormat><channel name=\"X\" units=\"mm\"/><channel name=\"Y\" units=\"mm\"/></traceFormat>\
+             <trace>1 2</trace><traceFormat><channel name=\"X\"/><channel name=\"Y\"/></traceFormat>\
+             <trace>1 2</trace></ink>",
+            "a.inkml: traces with a unit of length and traces without one in one file",
         ),
         (
             "<ink>\n<trace>1 2</trace><annotation>&bomb;</annotation></ink>",

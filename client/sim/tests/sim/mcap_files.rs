@@ -30,11 +30,11 @@ fn every_layout_of_a_file_gives_the_same_pen() {
     let folder = tempfile::tempdir().unwrap();
     let own = made::mcap(true);
     let wanted = load_recording(&file(&folder, "own.mcap", &own)).unwrap();
-    assert_eq!((points(&wanted).len(), wanted.notes.len()), (32, 0));
+    assert_eq!((points(&wanted).len(), &wanted.damage), (32, &None));
     for (name, layout) in layouts() {
         let read = load_recording(&file(&folder, &format!("{name}.mcap"), &rewritten(&own, &layout)));
         let read = read.unwrap_or_else(|error| panic!("{name}: {error}"));
-        assert_eq!((&read.segments, &read.notes), (&wanted.segments, &wanted.notes), "{name}");
+        assert_eq!((&read.segments, &read.damage), (&wanted.segments, &wanted.damage), "{name}");
     }
 }
 
@@ -52,7 +52,7 @@ fn a_cut_file_is_read_up_to_its_cut_which_is_told() {
                 Ok(recording) => {
                     let got = points(&recording);
                     assert!(wanted.starts_with(&got), "{name} at {there}");
-                    let [note] = &recording.notes[..] else { panic!("{:?}", recording.notes) };
+                    let note = recording.damage.as_deref().unwrap();
                     assert!(
                         note.starts_with("it ends early, after ") && note.contains("record --repair"),
                         "{note}"
@@ -104,19 +104,23 @@ fn damage_is_told_with_its_place_and_what_is_left_out() {
     let end = chunks.len() - (9 + 4) - (9 + 20) - 8;
     let mut wrong = chunks.clone();
     wrong[end - 3] ^= 1;
-    let note = load_recording(&file(&folder, "chunks.mcap", &wrong)).unwrap().notes.join("; ");
+    let note = load_recording(&file(&folder, "chunks.mcap", &wrong)).unwrap().damage.unwrap_or_default();
     assert!(note.contains("after ") && note.contains("bytes from there on are left out"), "{note}");
     // Without chunks the sum of all data tells.
     let mut wrong = flat.clone();
     wrong[flat.len() / 2] ^= 1;
     match load_recording(&file(&folder, "flat.mcap", &wrong)) {
         Ok(read) => {
-            assert!(read.notes.join("; ").contains("the checksum of all before is wrong"), "{:?}", read.notes)
+            assert!(
+                read.damage.as_ref().unwrap().contains("the checksum of all before is wrong"),
+                "{:?}",
+                read.damage
+            )
         }
         Err(error) => assert!(error.to_string().contains("ends early"), "{error}"),
     }
     let unknown = [&chunks[..end], &chunk("br", b"packed", true), &chunks[end..]].concat();
-    let note = load_recording(&file(&folder, "unknown.mcap", &unknown)).unwrap().notes.join("; ");
+    let note = load_recording(&file(&folder, "unknown.mcap", &unknown)).unwrap().damage.unwrap_or_default();
     assert!(note.contains(&format!("after {end} bytes: a chunk is compressed with \"br\"")), "{note}");
     // Nothing but such chunks.
     let only = [&mcap::MAGIC[..], &chunk("br", b"packed", true)].concat();

@@ -63,6 +63,66 @@ fn columns_may_come_in_any_order_and_number() {
 }
 
 #[test]
+fn stamps_of_points_are_the_time_with_and_without_a_rate() {
+    let file = |head: &str, rows: &str| {
+        format!(
+            ".COORD T X Y\n{head}.SEGMENT CHARACTER\n.PEN_DOWN\n{rows}.PEN_UP\n.DT 80\n.PEN_DOWN\n900 0 0\n913 1 1\n"
+        )
+    };
+    let even = "0 0 0\n13 1 0\n26 2 0\n39 3 0\n";
+    for head in ["", ".POINTS_PER_SECOND 77\n", ".POINTS_PER_SECOND 200\n"] {
+        let (_folder, path) = set(file(head, even).as_bytes(), &[]);
+        let r = load_recording(&path).unwrap();
+        assert!((r.rate_hz - 77.0).abs() < 0.1 && !r.rate_assumed, "{head}: {}", r.rate_hz);
+        let [character] = &r.segments[..] else { panic!("{:?}", r.segments) };
+        assert_eq!((character.components.len(), character.components[1].dt_before_s), (2, Some(0.08)));
+        assert!(character.components[0].stamps_s.is_empty());
+        assert_eq!(r.remarks.len(), usize::from(head.contains("200")), "{:?}", r.remarks);
+    }
+    let uneven = "0 0 0\n8 1 0\n32 4 0\n32 4 0\n30 9 9\n40 5 0\n64 8 0\n";
+    let (_folder, path) = set(file("", uneven).as_bytes(), &[]);
+    let r = load_recording(&path).unwrap();
+    let first = &r.segments[0].components[0];
+    assert_eq!((first.points.len(), first.stamps_s.len(), r.remarks.len()), (5, 5, 2));
+    assert!(
+        first.even_points(r.rate_hz).windows(2).all(|w| (w[1][0] - w[0][0] - 125.0 / r.rate_hz).abs() < 1e-6)
+    );
+    // A column that is there and empty is no clock.
+    let (_folder, path) = set(
+        file("", &even.replace("13 ", "0 ").replace("26 ", "0 ").replace("39 ", "0 "))
+            .replace("913", "900")
+            .as_bytes(),
+        &[],
+    );
+    let message = load_recording(&path).unwrap_err().to_string();
+    assert!(message.contains("no .POINTS_PER_SECOND, and no T in .COORD that rises"), "{message}");
+}
+
+#[test]
+fn words_are_read_where_there_are_no_characters_and_a_malformed_page_is_passed_over() {
+    let dat = format!(
+        "{HEAD}{INK}.SEGMENT PAGE x ? \"p\"\n.SEGMENT WORD 0-1 ? \"ab\"\n.SEGMENT WORD 2-3 OK \"c\"\n"
+    );
+    let (_folder, file) = set(dat.as_bytes(), &[]);
+    let r = load_recording(&file).unwrap();
+    let labels: Vec<&str> = r.segments.iter().map(|c| c.label.as_str()).collect();
+    assert_eq!(labels, ["ab", "c"]);
+    assert!(
+        refusal(&format!("{HEAD}{INK}.SEGMENT PAGE x ? \"p\"\n"), &[])
+            .contains("a.dat:18: malformed segment")
+    );
+}
+
+#[test]
+fn the_name_of_an_included_file_is_never_cut() {
+    let long = format!("{}/the-name-of-the-file.doc", "a-long-folder/".repeat(20));
+    assert!(refusal(&format!(".INCLUDE {long}\n"), &[]).contains("…"));
+    assert!(
+        refusal(&format!(".INCLUDE {long}\n"), &[]).contains("/the-name-of-the-file.doc\" was not found")
+    );
+}
+
+#[test]
 fn resolution_may_be_stated_per_inch_and_the_writer_anywhere() {
     let dat = ".COORD X Y\n.POINTS_PER_SECOND 100\n.X_POINTS_PER_INCH 508\n.Y_POINTS_PER_INCH 254\n\
                .PEN_DOWN 0 2\n.SEGMENT CHARACTER 0 ? \"a\"\n.WRITER_ID  NAPL4256\n";
@@ -108,7 +168,7 @@ fn every_refusal_names_file_line_and_reason() {
             &[],
             "a.dat:18: malformed segment: the label has no closing quote",
         ),
-        (format!("{HEAD}{INK}"), &[], "a.dat: no .SEGMENT CHARACTER"),
+        (format!("{HEAD}{INK}"), &[], "a.dat: no .SEGMENT line"),
         (format!("{HEAD}{seg}"), &[], "a.dat: no points"),
         (format!(".COORD X Y\n{INK}{seg}"), &[], "a.dat: no .POINTS_PER_SECOND"),
         (format!(".POINTS_PER_SECOND 0\n{INK}{seg}"), &[], "a.dat:1: value 0 is outside"),

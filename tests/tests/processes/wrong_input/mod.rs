@@ -213,7 +213,7 @@ fn missing_and_malformed_recordings_are_told_apart() {
     }
     let file = world.write("broken.dat", ".VERSION 1.0\n.PEN_DOWN\n12 what\n.PEN_UP\n");
     assert_refused(&world.run(0, &["play", &file]), 5, &["broken.dat"]);
-    let file = world.write("broken.csv", "t_s,x_m,y_m,contact\n0.0,0.0,0.0,1\n0.0,0.1,0.0,1\n");
+    let file = world.write("broken.csv", "t_s,x_m,y_m,contact\n0.0,0.0,0.0,1\nsoon,0.1,0.0,1\n");
     assert_refused(&world.run(0, &["play", &file]), 5, &["broken.csv:3", "t_s"]);
     assert_refused(&world.run(0, &["play", "glyphs:ß"]), 5, &["ß"]);
     let output = world.run_plain(&["lab", "fig2", "--data", "nowhere"]);

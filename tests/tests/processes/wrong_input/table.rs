@@ -34,7 +34,7 @@ pub(super) const FILES: [(&str, &str); 17] = [
          </geometry></collision></link></robot>",
     ),
     ("broken.dat", ".VERSION 1.0\n.PEN_DOWN\n12 what\n.PEN_UP\n"),
-    ("backwards.csv", "t_s,x_m,y_m,contact\n0.0,0.0,0.0,1\n0.0,0.1,0.0,1\n"),
+    ("backwards.csv", "t_s,x_m,y_m,contact\n0.2,0.0,0.0,1\n0.1,0.1,0.0,1\n0.0,0.1,0.0,1\n"),
     ("column.csv", "t_s,x_m,z_m,contact\n0.0,0.0,0.0,1\n"),
 ];
 
@@ -162,7 +162,8 @@ pub(super) const CASES: &[Case] = &[
     ("play glyphs:a --seconds inf {}", 2, &["0.001 to 1000000"]),
     ("play glyphs:ß {}", 5, &["ß"]),
     ("play @/broken.dat {}", 5, &["broken.dat"]),
-    ("play @/backwards.csv {}", 5, &["backwards.csv:3", "t_s"]),
+    ("play @/backwards.csv {}", 5, &["backwards.csv", "2 of 3 stamps step back"]),
+    ("play @/column.csv --unit fortnight {}", 2, &["--unit", "mm,ms"]),
     ("play @/column.csv {}", 5, &["column.csv:1", "z_m"]),
     ("play @/none {}", 5, &["none", "No such file"]),
     ("play @/\u{9b}31m.dat {}", 5, &["\\u009B31m.dat"]),

@@ -23,7 +23,7 @@ fn character(segment: usize, points: &[[f64; 2]], jumps: &[usize]) -> CharacterS
 
 fn set(scored: Vec<CharacterSequence>) -> Set {
     let (name, split) = ("pens".to_owned(), "test".to_owned());
-    Set { name, split, scored, train: Vec::new(), cold: false, refused: Vec::new() }
+    Set { name, split, scored, train: Vec::new(), cold: false, refused: Vec::new(), remarks: Vec::new() }
 }
 
 fn arc() -> Vec<[f64; 2]> {

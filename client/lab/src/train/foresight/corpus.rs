@@ -62,6 +62,7 @@ pub fn writings(
         median_glyph_height(set.characters()).ok_or_else(|| WritingError::NoInk(set.name.clone()))?;
     let (hands, left_out) = hands(&set, height, BenchArm::Ideal, &config, Lift::Leap)?;
     let mut remarks: Vec<String> = set.errors.iter().map(ToString::to_string).collect();
+    remarks.extend(set.remarks());
     if left_out > 0 {
         remarks.push(format!("{}: {left_out} characters do not fit or have one sample", set.name));
     }

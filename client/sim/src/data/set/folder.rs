@@ -4,7 +4,7 @@
 
 use super::{ListedFile, SetError};
 use crate::data::Format;
-use crate::data::format::foreign_file;
+use crate::data::hint::what_is_there;
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -24,7 +24,7 @@ pub(super) fn find(folder: &Path) -> Result<Vec<ListedFile>, SetError> {
         Some(format) => format,
         None => only(folder, &files, &by_name)?.ok_or_else(|| SetError::NoFormat {
             folder: folder.to_path_buf(),
-            instead: instead(folder, &files),
+            found: what_is_there(folder, &files),
         })?,
     };
     let rows = files.into_iter().zip(by_contents.into_iter().zip(by_name));
@@ -39,14 +39,6 @@ pub(super) fn find(folder: &Path) -> Result<Vec<ListedFile>, SetError> {
         .collect())
 }
 
-/// The first file that is known for something else, and what to do about it.
-fn instead(folder: &Path, files: &[String]) -> Option<String> {
-    /// Files that are looked at.
-    const MOST: usize = 100;
-    let known = |file: &String| Some(format!("{file}: {}", foreign_file(&folder.join(file))?));
-    files.iter().take(MOST).find_map(known)
-}
-
 /// The one format of the files; `None` when no file has one.
 fn only(folder: &Path, files: &[String], formats: &[Option<Format>]) -> Result<Option<Format>, SetError> {
     let mut first: BTreeMap<Format, &String> = BTreeMap::new();
@@ -56,6 +48,13 @@ fn only(folder: &Path, files: &[String], formats: &[Option<Format>]) -> Result<O
         }
     }
     if first.len() > 1 {
+        // The folder above several sets: each has a table of its own.
+        if files.iter().any(|file| file.ends_with("/split.tsv")) {
+            return Err(SetError::NoFormat {
+                folder: folder.to_path_buf(),
+                found: what_is_there(folder, files),
+            });
+        }
         let found: Vec<String> = first.iter().map(|(format, file)| format!("{format}: {file}")).collect();
         return Err(SetError::Ambiguous { folder: folder.to_path_buf(), found: found.join(", ") });
     }

@@ -6,7 +6,7 @@
 mod folder;
 mod table;
 
-use super::{Character, FileError, Format, Recording, Split};
+use super::{Character, CsvUnits, FileError, Format, Recording, Split};
 use std::path::{Path, PathBuf};
 
 /// The recordings of one part of a set, and what could not be read.
@@ -45,14 +45,11 @@ pub enum SetError {
         why: String,
     },
     /// No file of a known format.
-    #[error(
-        "{}: no recording in this folder; a set is a folder of {}{}", folder.display(), Format::ALL_NAMES,
-        instead.as_ref().map_or_else(String::new, |instead| format!("; {instead}"))
-    )]
+    #[error("{}: no recording in this folder; a set is a folder of {}{found}", folder.display(), Format::ALL_NAMES)]
     NoFormat {
         folder: PathBuf,
-        /// A file of it that is known for something else, and what to do about it.
-        instead: Option<String>,
+        /// What there is instead, or nothing.
+        found: String,
     },
     /// Files of more than one format and no table that says which belong.
     #[error(
@@ -112,6 +109,14 @@ impl DataSet {
     /// [`SetError`]: the folder or its table is missing or malformed, its format is unknown or ambiguous, it
     /// has no such part, no file of it is readable, or (strict) any file is bad.
     pub fn load(folder: &Path, split: &Split, strict: bool) -> Result<Self, SetError> {
+        Self::load_in(folder, split, strict, CsvUnits::default())
+    }
+
+    /// As [`DataSet::load`], with units for columns whose names have none.
+    ///
+    /// # Errors
+    /// As [`DataSet::load`].
+    pub fn load_in(folder: &Path, split: &Split, strict: bool, units: CsvUnits) -> Result<Self, SetError> {
         let rows = rows(folder)?;
         if let Split::Named(wanted) = split
             && !rows.iter().any(|row| split.takes(row.word.as_deref()))
@@ -126,14 +131,14 @@ impl DataSet {
             if !seen.insert(row.file.clone()) {
                 continue;
             }
-            match row.load(folder) {
+            match row.load(folder, units) {
                 Ok(file) => {
-                    let left_out = file.recording.notes.iter();
-                    let mut left_out = left_out.map(|note| FileError::whole(&file.recording.source, note));
-                    if strict && let Some(error) = left_out.next() {
-                        return Err(error.into());
+                    let damage = file.recording.damage.as_ref();
+                    let damage = damage.map(|damage| FileError::whole(&file.recording.source, damage));
+                    match damage {
+                        Some(error) if strict => return Err(error.into()),
+                        damage => set.errors.extend(damage),
                     }
-                    set.errors.extend(left_out);
                     set.files.push(file);
                 }
                 Err(error) if strict => return Err(error.into()),
@@ -153,6 +158,12 @@ impl DataSet {
     /// [`SetError`]: the folder or its table is missing or malformed, or its format unknown or ambiguous.
     pub fn splits(folder: &Path) -> Result<Vec<String>, SetError> {
         Ok(words(&rows(folder)?))
+    }
+
+    /// What of the files was not taken as it stands, a line per kind.
+    #[must_use]
+    pub fn remarks(&self) -> Vec<String> {
+        super::remarks(self.files.iter().map(|file| (file.file.as_str(), &file.recording.remarks[..])))
     }
 
     /// All characters of the loaded files, in order.
@@ -194,11 +205,11 @@ fn words(rows: &[ListedFile]) -> Vec<String> {
 }
 
 impl ListedFile {
-    fn load(self, folder: &Path) -> Result<SetFile, FileError> {
+    fn load(self, folder: &Path, units: CsvUnits) -> Result<SetFile, FileError> {
         let path = folder.join(&self.file);
         let mut recording = match self.format {
-            Some(format) => format.load(&path)?,
-            None => super::load_recording(&path)?,
+            Some(format) => format.load(&path, units)?,
+            None => super::load_recording_in(&path, units)?,
         };
         if !self.writer.is_empty() {
             for character in &mut recording.segments {

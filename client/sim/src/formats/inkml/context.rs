@@ -19,6 +19,8 @@ struct TraceChannel {
     units: String,
     /// `orientation="-ve"`.
     reversed: bool,
+    /// When its zero is \[s\]: the timestamp of `respectTo`.
+    begin_s: Option<f64>,
 }
 
 /// An `<inkSource>`.
@@ -27,8 +29,8 @@ pub(super) struct InkSource {
     pub(super) format: Option<Rc<TraceFormat>>,
     /// \[Hz\]
     pub(super) rate_hz: Option<f64>,
-    /// Of the X and Y channels: samples per metre, where stated.
-    resolution_per_m: [Option<f64>; 2],
+    /// Of the X and Y channels: counts per metre; of T: counts per second; where stated.
+    resolution: [Option<f64>; 3],
 }
 
 /// A `<context>`: what later traces are read with.
@@ -36,6 +38,8 @@ pub(super) struct InkSource {
 pub(super) struct InkContext {
     pub(super) format: Option<Rc<TraceFormat>>,
     pub(super) source: Option<Rc<InkSource>>,
+    /// Time of its `<timestamp>` \[s\].
+    pub(super) begin_s: Option<f64>,
 }
 
 /// Where the values of a point are.
@@ -51,6 +55,8 @@ pub(super) struct PointLayout {
     pub(super) units_per_m: Option<[f64; 2]>,
     /// Length of the unit of T \[s\].
     pub(super) t_unit_s: f64,
+    /// What T counts from \[s\].
+    pub(super) t_begin_s: f64,
 }
 
 impl PointLayout {
@@ -65,6 +71,7 @@ impl PointLayout {
             turn: [1.0, -1.0],
             units_per_m: None,
             t_unit_s: 1e-3,
+            t_begin_s: 0.0,
         }
     }
 }
@@ -75,6 +82,7 @@ impl TraceFormat {
         name: Option<String>,
         units: Option<String>,
         orientation: Option<String>,
+        begin_s: Option<f64>,
         intermittent: bool,
     ) -> Result<(), String> {
         let name = name.ok_or("a channel without a name")?;
@@ -86,7 +94,7 @@ impl TraceFormat {
             Some("-ve") => true,
             Some(other) => return Err(format!("orientation is {other:?}; legal: +ve, -ve")),
         };
-        self.channels.push(TraceChannel { name, units: units.unwrap_or_default(), reversed });
+        self.channels.push(TraceChannel { name, units: units.unwrap_or_default(), reversed, begin_s });
         if !intermittent {
             self.required = self.channels.len();
         }
@@ -105,20 +113,42 @@ impl InkSource {
         Ok(())
     }
 
-    /// `<channelProperty channel="X" name="resolution" value="100" units="1/mm"/>`.
+    /// `<channelProperty channel="X" name="resolution" value="100" units="1/mm"/>`: the scale of the values.
+    /// Units `dev` and others without a length or duration say nothing.
     pub(super) fn state_resolution(&mut self, channel: &str, value: Option<String>, units: Option<String>) {
-        let value = value.and_then(|v| v.trim().parse::<f64>().ok()).filter(|v| *v > 0.0 && v.is_finite());
         let units = units.unwrap_or_default();
-        let per = units.split_once('/').and_then(|(_, unit)| metres(unit.trim()));
-        let axis = match channel {
-            "X" => 0,
-            "Y" => 1,
+        let (axis, length): (usize, fn(&str) -> Option<f64>) = match channel {
+            "X" => (0, metres),
+            "Y" => (1, metres),
+            "T" => (2, seconds),
             _ => return,
         };
-        if let (Some(value), Some(per), Some(slot)) = (value, per, self.resolution_per_m.get_mut(axis)) {
-            *slot = Some(value / per);
+        let Some(value) = value.as_deref().and_then(fraction) else { return };
+        let counts = match units.trim() {
+            "dpi" | "lpi" | "ppi" => Some(value / 0.0254),
+            units => match units.split_once('/') {
+                Some((_, unit)) => length(unit.trim()).map(|unit| value / unit),
+                // "0.01 mm" is the length of a count, "100 mm" can only be counts.
+                None => {
+                    length(units).map(|unit| if value <= 1.0 { 1.0 / (value * unit) } else { value / unit })
+                }
+            },
+        };
+        let counts = counts.filter(|counts| counts.is_finite() && *counts > 0.0);
+        if let (Some(counts), Some(slot)) = (counts, self.resolution.get_mut(axis)) {
+            *slot = Some(counts);
         }
     }
+}
+
+/// `0.01` or `1/100`, positive and finite.
+fn fraction(text: &str) -> Option<f64> {
+    let number = |text: &str| text.trim().parse::<f64>().ok();
+    let value = match text.split_once('/') {
+        Some((above, below)) => number(above)? / number(below)?,
+        None => number(text)?,
+    };
+    (value > 0.0 && value.is_finite()).then_some(value)
 }
 
 impl InkContext {
@@ -128,10 +158,10 @@ impl InkContext {
     pub(super) fn layout(&self) -> Result<PointLayout, String> {
         let source = self.source.as_deref();
         let of_source = source.and_then(|s| s.format.as_ref());
-        let resolution = source.map_or([None; 2], |s| s.resolution_per_m);
+        let resolution = source.map_or([None; 3], |s| s.resolution);
         let plain = PointLayout::plain();
         let Some(format) = self.format.as_ref().or(of_source).filter(|f| !f.channels.is_empty()) else {
-            let [x, y] = resolution;
+            let [x, y, _] = resolution;
             return Ok(PointLayout { units_per_m: x.zip(y).map(|(x, y)| [x, y]), ..plain });
         };
         let find = |name: &str| format.channels.iter().position(|c| c.name == name);
@@ -141,12 +171,15 @@ impl InkContext {
         };
         let channel = |index: usize| format.channels.get(index);
         let reversed = |index: usize| channel(index).is_some_and(|c| c.reversed);
+        // Word and Journal write both: counts, with their number per unit in the resolution.
         let per_m = |index: usize, axis: usize| {
             let stated = channel(index).and_then(|c| metres(&c.units)).map(|unit| 1.0 / unit);
-            stated.or_else(|| resolution.get(axis).copied().flatten())
+            resolution.get(axis).copied().flatten().or(stated)
         };
         let t = find("T");
-        let t_units = t.and_then(channel).map_or("", |c| c.units.as_str());
+        let [_, _, t_resolution] = resolution;
+        let t_unit_s = t.and_then(channel).and_then(|c| seconds(&c.units));
+        let t_begin_s = t.and_then(channel).and_then(|c| c.begin_s).or(self.begin_s);
         Ok(PointLayout {
             channels: format.channels.len(),
             required: format.required.max(x + 1).max(y + 1),
@@ -156,7 +189,8 @@ impl InkContext {
             // Without a minus, x grows to the right and y downwards.
             turn: [if reversed(x) { -1.0 } else { 1.0 }, if reversed(y) { 1.0 } else { -1.0 }],
             units_per_m: per_m(x, 0).zip(per_m(y, 1)).map(|(x, y)| [x, y]),
-            t_unit_s: seconds(t_units),
+            t_unit_s: t_resolution.map(|counts| 1.0 / counts).or(t_unit_s).unwrap_or(1e-3),
+            t_begin_s: t_begin_s.unwrap_or_default(),
         })
     }
 
@@ -168,24 +202,25 @@ impl InkContext {
 /// Length of a unit \[m\]; `None` for the device's own.
 fn metres(unit: &str) -> Option<f64> {
     Some(match unit {
-        "m" => 1.0,
+        "m" | "meter" | "metre" => 1.0,
         "cm" => 1e-2,
         "mm" => 1e-3,
-        "um" | "µm" => 1e-6,
-        "in" => 0.0254,
+        "um" | "µm" | "μm" | "micron" => 1e-6,
+        "in" | "inch" => 0.0254,
         "pt" => 0.0254 / 72.0,
         "pc" => 0.0254 / 6.0,
-        "himetric" => 1e-5,
+        "himetric" | "HIMETRIC" => 1e-5,
         _ => return None,
     })
 }
 
-/// Length of a unit of time \[s\]; milliseconds where none is stated.
-fn seconds(unit: &str) -> f64 {
-    match unit {
-        "s" => 1.0,
-        "us" | "µs" => 1e-6,
+/// Length of a unit of time \[s\]; `None`: none is stated, which means milliseconds.
+fn seconds(unit: &str) -> Option<f64> {
+    Some(match unit {
+        "s" | "sec" => 1.0,
+        "ms" | "msec" => 1e-3,
+        "us" | "µs" | "μs" => 1e-6,
         "ns" => 1e-9,
-        _ => 1e-3,
-    }
+        _ => return None,
+    })
 }

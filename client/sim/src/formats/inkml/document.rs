@@ -11,6 +11,8 @@ use std::rc::Rc;
 const DEPTH_MAX: usize = 64;
 const TRACES_MAX: usize = 1_000_000;
 const LABEL_MAX: usize = 1000;
+/// Milliseconds since 1970 are of the order of 1e9 seconds.
+const TIME_MAX_S: f64 = 1e12;
 
 /// What is wrong and at which byte.
 pub(super) type SyntaxFault = (usize, String);
@@ -30,6 +32,9 @@ pub(super) struct Trace {
     pub(super) contact: bool,
     pub(super) points: Points,
     pub(super) context: Rc<InkContext>,
+    /// Begin and length as its attributes state them \[s\].
+    pub(super) offset_s: Option<f64>,
+    pub(super) duration_s: Option<f64>,
 }
 
 /// A `<traceGroup>`, or a `<traceView>` with contents.
@@ -102,6 +107,10 @@ struct Builder {
     formats: HashMap<String, Rc<TraceFormat>>,
     sources: HashMap<String, Rc<InkSource>>,
     contexts: HashMap<String, Rc<InkContext>>,
+    timestamps: HashMap<String, Rc<f64>>,
+    /// Contexts below `<definitions>`, and formats and devices there: for traces that name none, where there
+    /// is no other.
+    defined: [Vec<Rc<InkContext>>; 2],
     format: TraceFormat,
     source: InkSource,
     context: InkContext,
@@ -125,6 +134,8 @@ enum ElementKind {
         contact: bool,
         context: Rc<InkContext>,
         prior: Option<Option<String>>,
+        offset_s: Option<f64>,
+        duration_s: Option<f64>,
     },
     Group,
 }
@@ -165,7 +176,9 @@ impl Builder {
             "traceFormat" => self.format = TraceFormat::default(),
             "channel" => {
                 let intermittent = self.inside("intermittentChannels");
-                self.format.add(a.get("name"), a.get("units"), a.get("orientation"), intermittent)?;
+                let begin_s = self.referred(a, "respectTo", |b| &b.timestamps).ok().flatten().map(|s| *s);
+                let (name, units) = (a.get("name"), a.get("units"));
+                self.format.add(name, units, a.get("orientation"), begin_s, intermittent)?;
             }
             "inkSource" => self.source = InkSource::default(),
             "sampleRate" => self.source.state_rate(a.get("value"))?,
@@ -182,9 +195,22 @@ impl Builder {
                 if let Some(source) = self.referred(a, "inkSourceRef", |b| &b.sources)? {
                     self.context.source = Some(source);
                 }
+                if let Some(begin_s) = self.referred(a, "timestampRef", |b| &b.timestamps)? {
+                    self.context.begin_s = Some(*begin_s);
+                }
+            }
+            "timestamp" => {
+                let from_s = self.referred(a, "timestampRef", |b| &b.timestamps)?.map_or(0.0, |s| *s);
+                let begin_s =
+                    from_s + milliseconds(a, "time").or(milliseconds(a, "timeOffset")).unwrap_or(0.0);
+                self.timestamps.extend(a.get("id").map(|id| (id, Rc::new(begin_s))));
+                if self.open.last().is_some_and(|o| o.name == "context") {
+                    self.context.begin_s = Some(begin_s);
+                }
             }
             "trace" => {
-                let context = self.referred(a, "contextRef", |b| &b.contexts)?.unwrap_or_else(|| self.now());
+                let context =
+                    self.referred(a, "contextRef", |b| &b.contexts)?.unwrap_or_else(|| self.usual());
                 let contact = match a.get("type").as_deref() {
                     None | Some("penDown" | "indeterminate") => true,
                     Some("penUp") => false,
@@ -197,6 +223,8 @@ impl Builder {
                     contact,
                     context,
                     prior: continues.then(|| a.get("priorRef")),
+                    offset_s: milliseconds(a, "timeOffset"),
+                    duration_s: milliseconds(a, "duration").filter(|s| *s > 0.0),
                 });
             }
             "traceGroup" | "traceView" => {
@@ -224,10 +252,11 @@ impl Builder {
         let parent = self.open.last().map_or(String::new(), |o| o.name.clone());
         match closed.kind {
             ElementKind::Annotation(what) => self.annotate(&what, text.trim()),
-            ElementKind::Trace { contact, context, prior } => {
+            ElementKind::Trace { contact, context, prior, offset_s, duration_s } => {
                 let layout = context.layout().map_err(|why| (at, why))?;
                 let points = decode(&text, &layout).map_err(|(offset, why)| (self.text_at + offset, why))?;
-                self.trace(Trace { contact, points, context }, closed.id, prior).map_err(|why| (at, why))?;
+                let trace = Trace { contact, points, context, offset_s, duration_s };
+                self.trace(trace, closed.id, prior).map_err(|why| (at, why))?;
             }
             ElementKind::Group => {
                 self.current.pop();
@@ -247,14 +276,19 @@ impl Builder {
                         "ink" => {
                             self.switch(InkContext { source: Some(source.clone()), ..(*self.now()).clone() })
                         }
+                        "definitions" => {
+                            let source = Some(source.clone());
+                            self.defined[1].push(Rc::new(InkContext { source, ..InkContext::default() }));
+                        }
                         _ => {}
                     }
                     self.sources.extend(closed.id.map(|id| (id, source)));
                 }
                 "context" => {
                     let context = Rc::new(std::mem::take(&mut self.context));
-                    if parent != "definitions" {
-                        self.switch((*context).clone());
+                    match parent.as_str() {
+                        "definitions" => self.defined[0].push(context.clone()),
+                        _ => self.switch((*context).clone()),
                     }
                     self.contexts.extend(closed.id.map(|id| (id, context)));
                 }
@@ -271,12 +305,27 @@ impl Builder {
             "context" => self.context.format = Some(format.clone()),
             // Many writers of the format put it straight into the document.
             "ink" => self.switch(InkContext { format: Some(format.clone()), ..(*self.now()).clone() }),
+            "definitions" => {
+                self.defined[1]
+                    .push(Rc::new(InkContext { format: Some(format.clone()), ..InkContext::default() }));
+            }
             _ => {}
         }
     }
 
     fn now(&self) -> Rc<InkContext> {
         self.current.last().cloned().unwrap_or_default()
+    }
+
+    /// The context of a trace that names none. Many writers define a single one and never refer to it.
+    fn usual(&self) -> Rc<InkContext> {
+        let now = self.now();
+        let [contexts, parts] = &self.defined;
+        match (&contexts[..], &parts[..]) {
+            _ if *now != InkContext::default() => now,
+            ([only], _) | ([], [only]) => only.clone(),
+            _ => now,
+        }
     }
 
     fn switch(&mut self, context: InkContext) {
@@ -392,6 +441,12 @@ impl Attributes {
     fn get(&self, name: &str) -> Option<String> {
         self.0.iter().find(|(n, _)| n == name).map(|(_, v)| v.clone())
     }
+}
+
+/// An attribute in milliseconds \[s\].
+fn milliseconds(attributes: &Attributes, name: &str) -> Option<f64> {
+    let number = attributes.get(name)?.trim().parse::<f64>().ok()?;
+    Some(number * 1e-3).filter(|s| s.abs() <= TIME_MAX_S)
 }
 
 fn cut(text: &str, limit: usize) -> String {

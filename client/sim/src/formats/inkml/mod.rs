@@ -3,9 +3,10 @@
 //! A trace belongs to the nearest group around it that has a label (`annotation` of type `truth` or `label`,
 //! or without a type), else to the nearest group; views (`traceView`) count as if the traces were inside
 //! them, and take them from groups without a label. A file without groups is one character, labelled by the
-//! document's own annotation. Y is turned upwards (InkML's own direction is down). Rate: `sampleRate`, else
-//! the median step of the T channel, else 100 Hz (assumed). Steps of T longer than four periods, and those
-//! between traces, are gaps.
+//! document's own annotation. Y is turned upwards (InkML's own direction is down). Time: the T channel, from
+//! the timestamp of its `respectTo` or context on; else `sampleRate`; else `duration` of the traces; else 100
+//! Hz (assumed). Length: the channel's `resolution`, else its `units`. A trace that names no context has the
+//! one in force, else the only one that the file defines.
 //!
 //! Absent: brushes, canvases, mappings, archives of several documents, views of parts of a trace, channels
 //! other than X, Y and T. Traces outside every group are left out where there are groups. Source: W3C
@@ -15,7 +16,7 @@ mod context;
 mod trace;
 mod document;
 
-use crate::data::{Character, Component, FileError, GAP_PERIODS, Quantity, Recording, decoded};
+use crate::data::{Character, Component, FileError, Quantity, Recording, decoded, settle};
 use context::{InkContext, PointLayout};
 use document::{Document, GroupItem, Referent, SyntaxFault, Trace};
 use foretrace_config::files::shortened_path;
@@ -40,74 +41,119 @@ pub(crate) fn parse_inkml(bytes: &[u8], path: &Path) -> Result<Recording, FileEr
         FileError::at(path, line, &reason)
     };
     let document = document::read(text).map_err(refused)?;
-    let timing = InkTiming::of(&document).map_err(|why| FileError::whole(path, why))?;
-    let segments = characters(&document, &timing).map_err(refused)?;
+    let whole = |why: String| FileError::whole(path, why);
+    let scale = InkScale::of(&document).map_err(whole)?;
+    let clock = InkClock::of(&document);
+    let mut segments = characters(&document, &scale, &clock).map_err(refused)?;
+    let settled = settle(&mut segments, clock.stated_hz()).map_err(whole)?;
+    let (rate_hz, remarks) = match settled {
+        Some((cadence, remarks)) => (Some(cadence.rate_hz), remarks),
+        None => (clock.rates_hz.first().copied(), Vec::new()),
+    };
     if !segments.iter().any(|c| c.components.iter().any(|c| c.contact)) {
         return Err(FileError::whole(path, "no ink: the file has no trace with points"));
     }
     Ok(Recording {
         source: path.to_path_buf(),
-        rate_hz: timing.rate_hz,
-        rate_assumed: timing.assumed,
-        notes: Vec::new(),
-        units_per_m: timing.units_per_m,
+        rate_hz: rate_hz.unwrap_or(RATE_HZ),
+        rate_assumed: rate_hz.is_none(),
+        damage: None,
+        units_per_m: scale.units_per_m,
         quantity: Quantity::Position,
         segments,
+        remarks,
     })
 }
 
-/// What all traces of a file have in common.
-struct InkTiming {
-    rate_hz: f64,
-    assumed: bool,
+/// The unit of all points of a file.
+struct InkScale {
     units_per_m: Option<[f64; 2]>,
+    /// Contexts of several units: points are metres.
+    in_metres: bool,
 }
 
-impl InkTiming {
+impl InkScale {
     fn of(document: &Document) -> Result<Self, String> {
-        let mut contexts: Vec<&Rc<InkContext>> = Vec::new();
-        for trace in document.traces.iter().filter(|t| !t.points.xy.is_empty()) {
-            if contexts.last().is_none_or(|last| !Rc::ptr_eq(last, &trace.context)) {
-                contexts.push(&trace.context);
+        let mut layouts: Vec<PointLayout> = Vec::new();
+        for context in contexts(document) {
+            layouts.push(context.layout()?);
+        }
+        let units_per_m = layouts.first().and_then(|l| l.units_per_m);
+        if layouts.iter().all(|l| l.units_per_m == units_per_m) {
+            return Ok(Self { units_per_m, in_metres: false });
+        }
+        if layouts.iter().any(|l| l.units_per_m.is_none()) {
+            return Err("traces with a unit of length and traces without one in one file; state units or \
+                        resolution for X and Y in every context"
+                .to_owned());
+        }
+        Ok(Self { units_per_m: Some([1.0; 2]), in_metres: true })
+    }
+
+    /// Turned upwards, and to one unit.
+    fn factors(&self, layout: &PointLayout) -> [f64; 2] {
+        match layout.units_per_m.filter(|_| self.in_metres) {
+            Some(units) => [0, 1].map(|axis| layout.turn[axis] / units[axis]),
+            None => layout.turn,
+        }
+    }
+}
+
+/// How traces without a T channel pass.
+struct InkClock {
+    /// As stated by the contexts in use, each once.
+    rates_hz: Vec<f64>,
+}
+
+impl InkClock {
+    fn of(document: &Document) -> Self {
+        let mut rates_hz: Vec<f64> = Vec::new();
+        for rate_hz in contexts(document).filter_map(|context| context.rate_hz()) {
+            if !rates_hz.contains(&rate_hz) {
+                rates_hz.push(rate_hz);
             }
         }
-        let rates: Vec<f64> = contexts.iter().filter_map(|c| c.rate_hz()).collect();
-        if let [first, others @ ..] = &rates[..]
-            && let Some(other) = others.iter().find(|other| *other != first)
-        {
-            return Err(format!(
-                "traces of {first} Hz and of {other} Hz in one file; keep one rate per file"
-            ));
+        Self { rates_hz }
+    }
+
+    /// The rate of the whole file.
+    fn stated_hz(&self) -> Option<f64> {
+        self.rates_hz.first().copied().filter(|_| self.rates_hz.len() == 1)
+    }
+
+    /// Stamps of the points of `trace`: of its T channel, else by its own rate or duration where that tells
+    /// more than the rate of the file; empty where nothing does.
+    fn stamps_s(&self, trace: &Trace, layout: &PointLayout) -> Vec<f64> {
+        let count = trace.points.xy.len();
+        if let Some(first) = trace.points.times.first() {
+            // A channel that begins at zero counts from where the trace does.
+            let begin_s = trace.offset_s.filter(|_| *first == 0.0).unwrap_or(layout.t_begin_s);
+            return trace.points.times.iter().map(|t| begin_s + t * layout.t_unit_s).collect();
         }
-        let layouts: Vec<PointLayout> = contexts.iter().map(|c| c.layout()).collect::<Result<_, _>>()?;
-        let units_per_m = layouts.first().and_then(|l| l.units_per_m);
-        if layouts.iter().any(|l| l.units_per_m != units_per_m) {
-            return Err("traces of different units in one file; keep one unit per file".to_owned());
-        }
-        let stated = rates.first().copied().or_else(|| timed_rate(document));
-        let rate_hz = stated.unwrap_or(RATE_HZ);
-        if !(1e-3..=1e6).contains(&rate_hz) {
-            return Err(format!("the T channel gives a rate of {rate_hz} Hz; legal: 0.001 to 1000000"));
-        }
-        Ok(Self { rate_hz, assumed: stated.is_none(), units_per_m })
+        let rate_hz = trace.context.rate_hz().filter(|_| self.rates_hz.len() > 1 || trace.offset_s.is_some());
+        let lasting = trace.duration_s.filter(|_| self.rates_hz.is_empty() && count > 1);
+        let step_s = rate_hz.map(|hz| 1.0 / hz).or(lasting.map(|s| s / (count - 1) as f64));
+        let begin_s = trace.offset_s.unwrap_or_default();
+        step_s.map_or(Vec::new(), |step_s| (0..count).map(|k| begin_s + k as f64 * step_s).collect())
     }
 }
 
-/// One over the median step of T.
-fn timed_rate(document: &Document) -> Option<f64> {
-    let mut steps: Vec<f64> = Vec::new();
-    for trace in document.traces.iter().filter(|t| !t.points.times.is_empty()) {
-        let unit_s = trace.context.layout().ok()?.t_unit_s;
-        let times = &trace.points.times;
-        steps.extend(
-            times.iter().zip(times.iter().skip(1)).map(|(a, b)| (b - a) * unit_s).filter(|s| *s > 0.0),
-        );
-    }
-    steps.sort_by(f64::total_cmp);
-    steps.get(steps.len() / 2).map(|step| 1.0 / step)
+/// The contexts of traces with points, each where another comes before it.
+fn contexts(document: &Document) -> impl Iterator<Item = &Rc<InkContext>> {
+    let mut last: Option<&Rc<InkContext>> = None;
+    let traces = document.traces.iter().filter(|t| !t.points.xy.is_empty());
+    traces.map(|t| &t.context).filter(move |context| {
+        let other = last.is_none_or(|last| !Rc::ptr_eq(last, context));
+        last = Some(context);
+        other
+    })
 }
 
-fn characters(document: &Document, timing: &InkTiming) -> Result<Vec<Character>, SyntaxFault> {
+fn characters(
+    document: &Document,
+    scale: &InkScale,
+    clock: &InkClock,
+) -> Result<Vec<Character>, SyntaxFault> {
     let groups = &document.groups;
     let mut budget = POINTS_MAX;
     // Which group each run of ink belongs to; the document itself is group 0.
@@ -136,7 +182,7 @@ fn characters(document: &Document, timing: &InkTiming) -> Result<Vec<Character>,
         let Some(group) = groups.get(index) else { continue };
         let keeps = |trace: &&usize| (index != 0 && group.label.is_some()) || !viewed.contains(*trace);
         let runs = traces.iter().filter(keeps).filter_map(|t| document.traces.get(*t));
-        let components = components(runs, timing, &mut budget).map_err(|why| (0, why))?;
+        let components = components(runs, scale, clock, &mut budget).map_err(|why| (0, why))?;
         if components.is_empty() {
             continue;
         }
@@ -219,34 +265,24 @@ fn too_many() -> String {
     format!("more than {POINTS_MAX} points together with the views of them")
 }
 
+/// The runs of the pen as they are written, stamped where they have a T channel.
 fn components<'a>(
     traces: impl Iterator<Item = &'a Trace>,
-    timing: &InkTiming,
+    scale: &InkScale,
+    clock: &InkClock,
     budget: &mut usize,
 ) -> Result<Vec<Component>, String> {
-    let period_s = 1.0 / timing.rate_hz;
-    let mut components: Vec<Component> = Vec::new();
-    let mut last_s: Option<f64> = None;
-    for trace in traces {
+    let mut components = Vec::new();
+    for trace in traces.filter(|trace| !trace.points.xy.is_empty()) {
         let layout = trace.context.layout()?;
-        let [turn_x, turn_y] = layout.turn;
+        let [x_by, y_by] = scale.factors(&layout);
         *budget = budget.checked_sub(trace.points.xy.len() + COMPONENT_COST).ok_or_else(too_many)?;
-        for (index, [x, y]) in trace.points.xy.iter().enumerate() {
-            let now_s = trace.points.times.get(index).map(|t| t * layout.t_unit_s);
-            let elapsed_s = now_s.zip(last_s).map(|(now, last)| now - last);
-            let longest_s = if index == 0 { 1.5 * period_s } else { GAP_PERIODS * period_s };
-            let gap_s = elapsed_s.filter(|elapsed| *elapsed > longest_s);
-            let point = [x * turn_x, y * turn_y];
-            match components.last_mut() {
-                Some(open) if index > 0 && gap_s.is_none() => open.points.push(point),
-                _ => components.push(Component {
-                    contact: trace.contact,
-                    points: vec![point],
-                    dt_before_s: gap_s,
-                }),
-            }
-            last_s = now_s;
-        }
+        components.push(Component {
+            contact: trace.contact,
+            points: trace.points.xy.iter().map(|[x, y]| [x * x_by, y * y_by]).collect(),
+            stamps_s: clock.stamps_s(trace, &layout),
+            ..Component::default()
+        });
     }
     Ok(components)
 }

@@ -29,10 +29,11 @@ pub(crate) fn parse_mat(data: &[u8], path: &Path) -> Result<Recording, FileError
         source: path.to_path_buf(),
         rate_hz: RATE_HZ,
         rate_assumed: false,
-        notes: Vec::new(),
+        damage: None,
         units_per_m: None,
         quantity: Quantity::Velocity,
         segments: segments.map_err(|why| FileError::whole(path, why))?,
+        remarks: Vec::new(),
     })
 }
 
@@ -60,7 +61,7 @@ fn characters(variables: &[Array]) -> Result<Vec<Character>, String> {
             label: labels.get(index).cloned().unwrap_or_default(),
             writer: "1".to_owned(),
             segment_index: index,
-            components: vec![Component { contact: true, points, dt_before_s: None }],
+            components: vec![Component { contact: true, points, ..Component::default() }],
         });
     }
     Ok(characters)

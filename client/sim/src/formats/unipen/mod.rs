@@ -1,21 +1,22 @@
-//! UNIPEN 1.0 text to [`Recording`]: includes, ink components, `.DT` gaps and `.SEGMENT CHARACTER` lines.
+//! UNIPEN 1.0 text to [`Recording`]: includes, ink components, `.DT` gaps and `.SEGMENT` lines.
 //!
 //! Only non-empty `.PEN_DOWN`/`.PEN_UP` blocks are components and are counted; a block that holds just `0 0`
-//! counts. Columns other than X and Y are skipped; the time base is `.POINTS_PER_SECOND`.
+//! counts. Columns other than X, Y and T are skipped; the time base is T in milliseconds, else
+//! `.POINTS_PER_SECOND`. Of segments of several types the finest count: characters, else words, else lines.
 //!
 //! A file with `.SEGMENT DIGIT` is of UCI's pendigits set, which leaves its header file out: columns X Y, 100
 //! Hz (assumed: its description says "100 milliseconds", which some 40 points per digit rule out), unit
 //! unknown, and `.COMMENT label writer serial` below each segment. Writers are numbered again in each of its
-//! files, so the file's extension goes before the number. Absent: hierarchies other than CHARACTER, per-point
-//! time columns, writing of UNIPEN. Source: Guyon et al., "UNIPEN project of on-line data exchange and
-//! recognizer benchmarks", ICPR 1994.
+//! files, so the file's extension goes before the number. Absent: several types of segments at once, writing
+//! of UNIPEN. Source: Guyon et al., "UNIPEN project of on-line data exchange and recognizer benchmarks", ICPR
+//! 1994.
 
 mod text;
 mod segment;
 
-use crate::data::{Character, Component, FileError, Quantity, Recording};
+use crate::data::{Character, Component, FileError, Quantity, Recording, settle};
 use foretrace_config::files::shortened_path;
-use segment::{InkSegment, parse_segment};
+use segment::{InkSegment, delimit, finest, is_character, parse_segment};
 use std::path::{Path, PathBuf};
 use text::{At, Statement, read_statements, resolve_include};
 
@@ -24,6 +25,8 @@ const INCLUDE_DEPTH_MAX: usize = 16;
 const COORDINATE_MAX: f64 = 1e9;
 // Real files hold counter overflows of 22 days; they are read, and shortened where a path is made of them.
 const GAP_MAX_MS: f64 = 4_294_967_295.0;
+// Milliseconds since 1970 are of the order of 1e12.
+const TIME_MAX_MS: f64 = 1e15;
 const SEGMENT_POINTS_MAX: usize = 20_000_000;
 /// Overhead of a component, counted in points.
 const COMPONENT_COST: usize = 4;
@@ -59,6 +62,10 @@ struct InkFile {
     open: Option<Component>,
     gap_s: Option<f64>,
     segments: Vec<(At, InkSegment)>,
+    /// The first of another type that could not be read.
+    malformed: Option<FileError>,
+    /// Types of segments, from coarse to fine.
+    hierarchy: Vec<String>,
     /// Of the newest `.WRITER_ID`.
     writer: String,
 }
@@ -69,6 +76,7 @@ struct Columns {
     width: usize,
     x: usize,
     y: usize,
+    t: Option<usize>,
 }
 
 impl InkFile {
@@ -90,7 +98,7 @@ impl InkFile {
         if stack.len() == 1 && statements.iter().any(|s| s.keyword == ".SEGMENT" && s.first() == "DIGIT") {
             let extension = path.extension().map(|e| e.to_string_lossy().into_owned());
             self.pendigits = Some(extension.unwrap_or_default());
-            self.columns = Some(Columns { width: 2, x: 0, y: 1 });
+            self.columns = Some(Columns { width: 2, x: 0, y: 1, t: None });
         }
         for statement in statements {
             let at = At::new(path, statement.line);
@@ -147,10 +155,22 @@ impl InkFile {
             ".PEN_UP" => self.pen(false, statement, &at)?,
             ".DT" => self.gap(statement, &at)?,
             ".SEGMENT" => {
-                if let Some(mut segment) = parse_segment(statement).map_err(|why| at.fails(&why))? {
-                    segment.writer.clone_from(&self.writer);
-                    self.segments.push((at, segment));
+                let open = self.open.as_ref().is_some_and(|c| !c.points.is_empty());
+                let begins = self.components.len() + usize::from(open);
+                match parse_segment(statement, begins) {
+                    Ok(mut segment) => {
+                        segment.writer.clone_from(&self.writer);
+                        self.segments.push((at, segment));
+                    }
+                    // Words and pages are seldom of use, and written in every way.
+                    Err(why) if is_character(statement.first()) => return Err(at.fails(&why)),
+                    Err(why) => {
+                        self.malformed.get_or_insert_with(|| at.fails(&why));
+                    }
                 }
+            }
+            ".HIERARCHY" => {
+                self.hierarchy = statement.tokens().map(|(_, t)| t.to_ascii_uppercase()).collect();
             }
             ".WRITER_ID" => self.writer = text::shortened(statement.first()),
             ".COMMENT" => self.comment(statement),
@@ -176,7 +196,7 @@ impl InkFile {
     /// Starts a new component; an empty one leaves no trace.
     fn pen(&mut self, contact: bool, statement: &Statement<'_>, at: &At) -> Result<(), FileError> {
         self.close();
-        self.open = Some(Component { contact, points: Vec::new(), dt_before_s: None });
+        self.open = Some(Component { contact, ..Component::default() });
         self.points(statement.lines(), at)
     }
 
@@ -188,7 +208,7 @@ impl InkFile {
         self.close();
         self.gap_s = Some(self.gap_s.unwrap_or(0.0) + ms * 1e-3);
         if let Some(contact) = contact {
-            self.open = Some(Component { contact, points: Vec::new(), dt_before_s: None });
+            self.open = Some(Component { contact, ..Component::default() });
         }
         self.points(statement.lines().skip_while(|&(l, _)| l <= line), at)
     }
@@ -206,6 +226,7 @@ impl InkFile {
                     .columns
                     .ok_or_else(|| at.fails("points before .COORD: the order of the columns is unknown"))?;
                 let mut point = [0.0; 2];
+                let mut stamp_s = None;
                 for column in 0..columns.width {
                     let Some(token) = row.next() else {
                         return Err(at.fails(&format!(
@@ -219,10 +240,14 @@ impl InkFile {
                                 number("coordinate", token, (-COORDINATE_MAX, COORDINATE_MAX), line, &at)?;
                         }
                     }
+                    if columns.t == Some(column) {
+                        stamp_s = Some(number("T", token, (-TIME_MAX_MS, TIME_MAX_MS), line, &at)? * 1e-3);
+                    }
                 }
                 let open =
                     self.open.as_mut().ok_or_else(|| at.fails("points before any .PEN_DOWN or .PEN_UP"))?;
                 open.points.push(point);
+                open.stamps_s.extend(stamp_s);
             }
         }
         Ok(())
@@ -242,35 +267,50 @@ impl InkFile {
             return Err(whole.fails("no points: neither the file nor its includes have ink"));
         }
         if self.segments.is_empty() {
+            if let Some(malformed) = self.malformed {
+                return Err(malformed);
+            }
+            return Err(whole.fails("no .SEGMENT line, so nothing says where a character starts and ends"));
+        }
+        let mut chosen = finest(std::mem::take(&mut self.segments), &self.hierarchy);
+        delimit(&mut chosen, self.components.len());
+        chosen.retain(|(_, segment)| segment.has_ink());
+        if chosen.is_empty() {
             return Err(
-                whole.fails("no .SEGMENT CHARACTER line, so nothing says where a character starts and ends")
+                whole.fails("no ink in any .SEGMENT: each has neither a delimiter nor components behind it")
             );
         }
-        let usual_hz = self.pendigits.as_ref().map(|_| PENDIGITS_RATE_HZ);
-        let rate_hz = self
-            .rate_hz
-            .or(usual_hz)
-            .ok_or_else(|| whole.fails("no .POINTS_PER_SECOND: the time between points is unknown"))?;
         let units_per_m = match self.per_mm {
             [Some(x), Some(y)] => Some([x * 1e3, y * 1e3]),
             _ => None,
         };
         let mut budget = SEGMENT_POINTS_MAX;
         let mut segments = Vec::with_capacity(self.segments.len());
-        for (segment_index, (at, segment)) in self.segments.into_iter().enumerate() {
+        for (segment_index, (at, segment)) in chosen.into_iter().enumerate() {
             let components = segment.cut(&self.components, &mut budget).map_err(|why| at.fails(&why))?;
             // A file may name its writer below the segments too.
             let writer = if segment.writer.is_empty() { self.writer.clone() } else { segment.writer };
             segments.push(Character { label: segment.label, writer, segment_index, components });
         }
+        let usual_hz = self.pendigits.as_ref().map(|_| PENDIGITS_RATE_HZ);
+        let settled = settle(&mut segments, self.rate_hz.or(usual_hz)).map_err(|why| whole.fails(&why))?;
+        let rate_assumed = self.rate_hz.is_none() && settled.is_none();
+        let (stamped_hz, remarks) =
+            settled.map_or((None, Vec::new()), |(c, remarks)| (Some(c.rate_hz), remarks));
+        let rate_hz = stamped_hz.or(self.rate_hz).or(usual_hz).ok_or_else(|| {
+            whole.fails(
+                "no .POINTS_PER_SECOND, and no T in .COORD that rises: the time between points is unknown",
+            )
+        })?;
         Ok(Recording {
             source: path.to_path_buf(),
             rate_hz,
-            rate_assumed: self.rate_hz.is_none(),
-            notes: Vec::new(),
+            rate_assumed,
+            damage: None,
             units_per_m,
             quantity: Quantity::Position,
             segments,
+            remarks,
         })
     }
 }
@@ -279,7 +319,7 @@ fn columns(statement: &Statement<'_>) -> Result<Columns, String> {
     let names: Vec<&str> = statement.tokens().map(|(_, t)| t).collect();
     let find = |name: &str| names.iter().position(|n| n.eq_ignore_ascii_case(name));
     match (find("X"), find("Y")) {
-        (Some(x), Some(y)) => Ok(Columns { width: names.len(), x, y }),
+        (Some(x), Some(y)) => Ok(Columns { width: names.len(), x, y, t: find("T") }),
         _ => Err(format!(".COORD must name X and Y, found {:?}", text::shortened(&names.join(" ")))),
     }
 }

@@ -3,14 +3,14 @@
 
 use crate::path::PathSample;
 
-pub(super) const HEADER: &str = "t_s,x_m,y_m,contact";
+pub(in crate::data) const HEADER: &str = "t_s,x_m,y_m,contact";
 /// Begins the first line of a recording of foretrace's own.
-pub(super) const MARK: &str = "# foretrace-pen ";
-pub(super) const VERSION: &str = "1";
-pub(super) const UNKNOWN: &str = "unknown";
+pub(in crate::data) const MARK: &str = "# foretrace-pen ";
+pub(in crate::data) const VERSION: &str = "1";
+pub(in crate::data) const UNKNOWN: &str = "unknown";
 
 /// A sample as a line.
-pub(super) fn row(s: &PathSample) -> String {
+pub(in crate::data) fn row(s: &PathSample) -> String {
     format!("{:.6},{:.7},{:.7},{}", s.t_s, s.x_m, s.y_m, u8::from(s.contact))
 }
 
