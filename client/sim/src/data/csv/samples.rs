@@ -241,10 +241,8 @@ fn touches(readings: &mut [Reading], told_events: bool, remarks: &mut Vec<Remark
             let unknown = reading.pressed.filter(|_| pressure_tells).or(lands.then_some(false));
             reading.contact = if lifted { Some(false) } else { down.or(unknown) };
         }
-    } else if readings.iter().all(|reading| reading.contact.is_none()) {
-        if pressure_tells {
-            readings.iter_mut().for_each(|reading| reading.contact = reading.pressed);
-        }
+    } else if pressure_tells && readings.iter().all(|reading| reading.contact.is_none()) {
+        readings.iter_mut().for_each(|reading| reading.contact = reading.pressed);
     }
     if readings.iter().all(|reading| reading.contact.is_none()) {
         remarks.push(Remark::new("nothing tells when the pen touches the paper: all samples count as ink"));
