@@ -91,7 +91,7 @@ mod tests {
             source: "a.dat".into(),
             rate_hz: 200.0,
             rate_assumed: false,
-            notes: Vec::new(),
+            damage: None,
             units_per_m: Some([50_000.0; 2]),
             quantity: Quantity::Position,
             segments: vec![character],

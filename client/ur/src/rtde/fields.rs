@@ -219,7 +219,7 @@ mod tests {
             "output_bit_register_128",
             "input_double_register_4 ",
         ] {
-            assert_eq!(output(wrong, (5, 11)), None, "{wrong}");
+            assert_eq!(output(wrong, (5, 11, 0)), None, "{wrong}");
         }
     }
 
