@@ -4,7 +4,7 @@ use super::arm::with_urdf;
 use crate::presets;
 
 /// The arm of [`six`] writes on a wall: its pen is horizontal at home.
-const WALL: &str = "home_rad = [0.0, -0.9, 1.7, -0.8, 0.0, 0.0]\n[plane]\norigin_m = [-0.0622, 0.44, 0.6924]\n\
+const WALL: &str = "home_rad = [0.0, 0.6, 1.2, -1.8, 0.0, 0.0]\n[plane]\norigin_m = [0.567, 0.44, 0.451]\n\
                     x_axis = [1.0, 0.0, 0.0]\nnormal = [0.0, -1.0, 0.0]\n\
                     workspace_m = [[-0.05, 0.05], [-0.05, 0.05], [-0.0005, 0.05]]\n";
 
@@ -75,17 +75,17 @@ fn what_is_used_is_refused_with_joint_or_link_and_line_under_its_key() {
 /// π has no end: with four digits half a turn is beyond a limit of half a turn.
 #[test]
 fn a_home_outside_its_limits_by_rounding_is_taken_as_the_limit_and_by_more_is_refused() {
+    // The last joint turns the pen about itself: no place on the paper needs it.
     let turned = |high: f64| {
-        presets::robot("ur5").unwrap().replacen(
-            "upper=\"6.283185307179586\"",
-            &format!("upper=\"{high}\""),
-            1,
-        )
+        let urdf = presets::robot("ur5").unwrap();
+        let (before, after) = urdf.rsplit_once("upper=\"6.283185307179586\"").unwrap();
+        let home = "home_rad = [3.1416, -1.3, 1.8, -2.0708, -1.5708, 3.1416]\n";
+        with_urdf(&format!("{before}upper=\"{high}\"{after}"), home)
     };
-    let config = with_urdf(&turned(std::f64::consts::PI), "").unwrap();
-    assert_eq!(config.robot().home[0], std::f64::consts::PI);
-    assert_eq!(config.settings().robot.home_rad[0], 3.1416);
-    assert_eq!(with_urdf(&turned(3.1406), "").unwrap().robot().home[0], 3.1406);
-    let text = with_urdf(&turned(3.1405), "").unwrap_err();
-    assert!(text.contains("`robot.home_rad`") && text.contains("shoulder_pan_joint"), "{text}");
+    let config = turned(std::f64::consts::PI).unwrap();
+    assert_eq!(config.robot().home[5], std::f64::consts::PI);
+    assert_eq!(config.settings().robot.home_rad[5], 3.1416);
+    assert_eq!(turned(3.1407).unwrap().robot().home[5], 3.1407);
+    let text = turned(3.1405).unwrap_err();
+    assert!(text.contains("`robot.home_rad`") && text.contains("wrist_3_joint"), "{text}");
 }

@@ -22,11 +22,11 @@ fn folder(files: &[(&str, &str)]) -> (tempfile::TempDir, PathBuf) {
 #[test]
 fn a_file_that_is_something_else_says_what_it_is() {
     for (name, text, wanted) in [
-        ("a.dat", POINTER, "not UNIPEN: it is a pointer of Git LFS"),
-        ("a.csv", POINTER, "not CSV: it is a pointer of Git LFS"),
-        ("a.mat", POINTER, "not MATLAB v5: it is a pointer of Git LFS"),
-        ("a.txt", POINTER, "not a recording: it is a pointer of Git LFS"),
-        ("a.inkml", "", "not InkML: the file is empty"),
+        ("a.dat", POINTER, "not UNIPEN: it is a Git LFS pointer"),
+        ("a.csv", POINTER, "not CSV: it is a Git LFS pointer"),
+        ("a.mat", POINTER, "not MATLAB v5: it is a Git LFS pointer"),
+        ("a.txt", POINTER, "not a recording: it is a Git LFS pointer"),
+        ("a.inkml", "", "not InkML: it is empty"),
         ("pendigits.tra", EIGHT_POINTS, "take pendigits-orig.tra"),
         ("pendigits.txt", EIGHT_POINTS, "take pendigits-orig.tra"),
     ] {
@@ -49,10 +49,7 @@ fn a_folder_of_something_else_says_what_is_there() {
             ],
             "it holds sets of its own",
         ),
-        (
-            &[("README.md", "words"), ("a.zip", "PK\u{3}\u{4}")],
-            "; a.zip: it is a packed file; unpack it first (unzip)",
-        ),
+        (&[("README.md", "words"), ("a.zip", "PK\u{3}\u{4}")], "; a.zip: it is a ZIP archive; unpack it"),
     ] {
         let (_folder, path) = folder(files);
         let result = DataSet::load(&path, &Split::All, false);

@@ -11,6 +11,7 @@ mod samples;
 mod lines;
 
 use super::file::{FileError, read_limited};
+use super::hint::what_it_is;
 use super::stamps::Cadence;
 use super::{Character, Component, GAP_PERIODS, Quantity, Recording, Remark, decoded};
 use crate::path::{PathSample, PenPath};
@@ -52,7 +53,18 @@ pub fn load_csv(path: &Path) -> Result<PenPath, FileError> {
 /// # Errors
 /// As [`load_csv`].
 pub(crate) fn read_csv(path: &Path, units: CsvUnits) -> Result<CsvPen, FileError> {
-    parse_csv(&decoded(&read_limited(path)?), path, units)
+    let bytes = read_limited(path)?;
+    if bytes.starts_with(mcap::MAGIC) {
+        let why = "it is an MCAP recording, not CSV; give it a name that ends in .mcap";
+        return Err(FileError::whole(path, why));
+    }
+    let text = decoded(&bytes);
+    if !begins_csv(&text)
+        && let Some(what) = what_it_is(&bytes)
+    {
+        return Err(FileError::whole(path, format!("not CSV: {what}")));
+    }
+    parse_csv(&text, path, units)
 }
 
 /// Reads the bytes of a CSV path as a recording: one character without a label, a component per change of
