@@ -105,9 +105,10 @@ fn pen(args: &ExportArgs, target: &Path) -> Result<(u64, Option<String>), Failur
     pushed.map_err(|error| given_up(unrecorded(error)))?.map_err(kept)?;
     let summary = log.finish().map_err(kept)?;
     if summary.rate_hz.is_none() {
+        let why = format!("it holds {} pen samples, a path needs 2", summary.samples);
         let what =
-            format!("{}: it holds {} pen samples, a path needs 2", args.file.display(), summary.samples);
-        return Err(given_up(Failure::bad_input(what, "record while the pen writes")));
+            || Failure::bad_input(format!("{}: {why}", args.file.display()), "record while the pen writes");
+        return Err(given_up(reader.lack(&why).map_or_else(what, unrecorded)));
     }
     Ok((summary.samples, reader.damage()))
 }

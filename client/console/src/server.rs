@@ -333,7 +333,7 @@ fn admit(
         return refuse(&mut stream, "403 Forbidden", "foreign host");
     }
     if head.method != "GET" {
-        return refuse(&mut stream, "405 Method Not Allowed", "another method than GET");
+        return refuse(&mut stream, "405 Method Not Allowed\r\nAllow: GET", "another method than GET");
     }
     if head.path != "/socket" {
         return match page::file(&head.path) {

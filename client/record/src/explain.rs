@@ -51,7 +51,7 @@ pub fn moments(path: &Path) -> Result<Explanation, RecordError> {
     let mut found: Vec<Moment> = Vec::new();
     let mut last: Option<Box<TickRecord>> = None;
     let (mut begin, mut most) = (0, 1);
-    let damage = each_tick(path, |record, every| {
+    let reader = each_tick(path, |record, every| {
         if last.is_none() {
             begin = record.release_ns;
         }
@@ -64,12 +64,12 @@ pub fn moments(path: &Path) -> Result<Explanation, RecordError> {
         true
     })?;
     if last.is_none() {
-        return Err(no_ticks(path));
+        return Err(no_ticks(&reader));
     }
     found.sort_by(|a, b| b.weight.total_cmp(&a.weight));
     found.truncate(MOMENTS);
     found.sort_by_key(|moment| moment.tick);
-    Ok(Explanation { moments: found, every_ticks: most, damage })
+    Ok(Explanation { moments: found, every_ticks: most, damage: reader.damage() })
 }
 
 /// What `tick` saw, decided and cost, as sentences.
@@ -80,7 +80,7 @@ pub fn moments(path: &Path) -> Result<Explanation, RecordError> {
 pub fn tick(path: &Path, tick: u64) -> Result<Vec<String>, RecordError> {
     let (mut found, mut range): (Option<Box<TickRecord>>, Option<(u64, u64)>) = (None, None);
     let mut every_ticks = 1;
-    each_tick(path, |record, every| {
+    let reader = each_tick(path, |record, every| {
         let (first, _) = range.unwrap_or((record.tick, 0));
         range = Some((first, record.tick));
         every_ticks = every;
@@ -91,12 +91,16 @@ pub fn tick(path: &Path, tick: u64) -> Result<Vec<String>, RecordError> {
     })?;
     match (found, range) {
         (Some(record), _) => Ok(sentences(&record)),
-        (None, None) => Err(no_ticks(path)),
+        (None, None) => Err(no_ticks(&reader)),
         (None, Some((first, last))) => Err(RecordError::Format {
             path: path.to_path_buf(),
-            why: match every_ticks {
-                1 => format!("it has no record of tick {tick}; there are ticks {first} to {last}"),
-                n => format!(
+            why: match (every_ticks, reader.damage()) {
+                (_, Some(damage)) => format!(
+                    "it has no record of tick {tick}; there are ticks {first} to {last}, and it ends early, \
+                     {damage}"
+                ),
+                (1, None) => format!("it has no record of tick {tick}; there are ticks {first} to {last}"),
+                (n, None) => format!(
                     "it has no record of tick {tick}: the daemon recorded one tick of {n} \
                      (telemetry.every_ticks); there are ticks {first} to {last}"
                 ),
@@ -105,16 +109,18 @@ pub fn tick(path: &Path, tick: u64) -> Result<Vec<String>, RecordError> {
     }
 }
 
-fn no_ticks(path: &Path) -> RecordError {
-    RecordError::Format { path: path.to_path_buf(), why: "it holds no tick records".to_owned() }
+fn no_ticks(reader: &RecordingReader) -> RecordError {
+    let why = "it holds no tick records";
+    let otherwise = || RecordError::Format { path: reader.path().to_path_buf(), why: why.to_owned() };
+    reader.lack(why).unwrap_or_else(otherwise)
 }
 
 /// Calls `use_record` with each record and its daemon's `telemetry.every_ticks` until it returns false;
-/// returns where and why the file ends early, if it came there.
+/// returns the reader, which tells how the file ended if it came there.
 fn each_tick(
     path: &Path,
     mut use_record: impl FnMut(Box<TickRecord>, u64) -> bool,
-) -> Result<Option<String>, RecordError> {
+) -> Result<RecordingReader, RecordError> {
     // A recorder gets the settings some records after the first one.
     let mut every = 1;
     let mut reader = RecordingReader::open(path)?;
@@ -136,7 +142,7 @@ fn each_tick(
             _ => {}
         }
     }
-    Ok(reader.damage())
+    Ok(reader)
 }
 
 /// One tick of how many is recorded under the settings in `thing`, if it has any.

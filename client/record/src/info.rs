@@ -33,6 +33,8 @@ pub struct Info {
     pub laws: BTreeMap<u64, String>,
     /// Why the file ends early; `None`: it is whole.
     pub damage: Option<String>,
+    /// What was passed over: attachments, messages of unknown channels.
+    pub passed_over: Option<String>,
 }
 
 /// Reads all of `path`.
@@ -84,6 +86,6 @@ pub fn info(path: &Path) -> Result<Info, RecordError> {
     if first <= last {
         info.seconds = (last - first) as f64 * 1e-9;
     }
-    info.damage = reader.damage();
+    (info.damage, info.passed_over) = (reader.damage(), reader.passed_over());
     Ok(info)
 }

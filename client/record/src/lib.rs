@@ -52,8 +52,20 @@ pub enum RecordError {
     #[error("cannot read {}: {source}", path.display())]
     Read { path: PathBuf, source: std::io::Error },
     /// Not a recording.
-    #[error("{} is no recording: {why}; give a file of `foretrace record`", path.display())]
+    #[error("{} is no recording: {why}", path.display())]
     NoRecording { path: PathBuf, why: String },
+    /// Damaged before anything that is needed.
+    #[error("{}: {what} in what can be read of it: it ends early, {damage}; `foretrace record --repair` keeps \
+             what comes before", path.display())]
+    Unread { path: PathBuf, what: String, damage: String },
+    /// Nothing in it can be saved.
+    #[error("{} holds no message that can be read{}; no file was written: copy it again, or record anew",
+            path.display(), damage.as_ref().map_or_else(String::new, |damage| format!(": it ends early, {damage}")))]
+    NothingToMend { path: PathBuf, damage: Option<String> },
+    /// What another program wrote.
+    #[error("{}: {what}: none of its topics ({topics}) is one of `foretrace record`, whose recordings are read \
+             here", path.display())]
+    NoTopics { path: PathBuf, what: String, topics: String },
     /// Made by another version.
     #[error(
         "{}: the messages of {topic} have another layout than this program's; use the version of foretrace \

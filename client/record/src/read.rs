@@ -1,25 +1,26 @@
 //! Reading a recording, one record after the other, whatever became of the file.
 //!
-//! Contract: memory is bounded by the largest record, not by the file. A file that ends early yields
+//! Contract: memory is bounded by the largest record or chunk, not by the file. A file that ends early yields
 //! everything before its end, and says so; a file that is not a recording, or one of another layout, is an
 //! error that says what to do. No input panics.
 
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::{BufReader, Read as _};
+use std::io::BufReader;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use mcap::records::{Record, op};
+use mcap::records::Record;
 
 use foretrace_shm::{Status, Thing, TickInput, TickRecord, Validate, Wire};
-use foretrace_sim::data::parse_mcap_record;
+use foretrace_sim::data::{McapRecords, folder_for_file, parse_mcap_record, shortened};
+
+/// How the file of a recording ended.
+pub use foretrace_sim::data::McapEnd as Ended;
 
 use crate::RecordError;
 use crate::topics::{RecordingTopic, WIRE, layout_of, thing_of};
 
-/// Bytes of a record at most, chunks included: far more than a recorder writes.
-const LARGEST_RECORD: u64 = 64 << 20;
 /// Bytes of a schema or a name at most, and how many schemas and channels there may be: together they stay in
 /// memory, whatever the file holds.
 const LARGEST_SCHEMA: usize = 256 << 10;
@@ -35,6 +36,7 @@ pub struct Channel {
     pub encoding: String,
     /// Its schema, which other channels may have too.
     pub schema: Arc<Schema>,
+    pub metadata: BTreeMap<String, String>,
     topic: Option<RecordingTopic>,
     /// The layout is another one than ours.
     foreign: bool,
@@ -48,6 +50,8 @@ pub struct RecordedMessage {
     pub sequence: u32,
     /// When it was recorded \[ns since 1970\].
     pub time_ns: u64,
+    /// When its sender says that it was sent \[ns since 1970\].
+    pub publish_ns: u64,
     pub data: Vec<u8>,
 }
 
@@ -72,27 +76,13 @@ pub enum Content {
     Other,
 }
 
-/// How a file ended.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Ended {
-    /// As its writer ended it.
-    Whole,
-    /// Too early, or damaged: after so many bytes, for this reason.
-    Cut { after: u64, why: String },
-}
-
 pub struct RecordingReader {
     path: PathBuf,
-    file: BufReader<File>,
-    /// Records of the open chunk, the next one from `at` on.
-    chunk: Vec<u8>,
-    at: usize,
-    /// The file ends in the middle of the open chunk.
-    torn: bool,
+    records: McapRecords<BufReader<File>>,
     channels: BTreeMap<u16, Channel>,
     schemas: BTreeMap<u16, Arc<Schema>>,
-    read: u64,
-    ended: Option<Ended>,
+    /// Messages of channels that the file does not tell of.
+    orphans: u64,
 }
 
 impl std::fmt::Debug for RecordingReader {
@@ -109,28 +99,22 @@ impl RecordingReader {
     /// It cannot be read, or does not begin as a recording.
     pub fn open(path: &Path) -> Result<Self, RecordError> {
         let failed = |source| RecordError::Read { path: path.to_path_buf(), source };
+        let none = |why: String| RecordError::NoRecording { path: path.to_path_buf(), why };
         // A pipe without a writer blocks whoever opens it.
-        let none = |why: &str| RecordError::NoRecording { path: path.to_path_buf(), why: why.to_owned() };
-        if !std::fs::metadata(path).map_err(failed)?.is_file() {
-            return Err(none("not a regular file"));
+        let about = std::fs::metadata(path).map_err(failed)?;
+        if about.is_dir() {
+            return Err(none(folder_for_file(path)));
         }
-        let mut file = File::open(path).map_err(failed)?;
-        let mut magic = [0; mcap::MAGIC.len()];
-        let whole = file.read_exact(&mut magic).is_ok();
-        if !whole || magic != *mcap::MAGIC {
-            let why = if whole { "it does not begin as an MCAP file" } else { "it is empty or too short" };
-            return Err(none(why));
+        if !about.is_file() {
+            return Err(none("it is not a regular file; give a file of `foretrace record`".to_owned()));
         }
+        let file = BufReader::with_capacity(1 << 16, File::open(path).map_err(failed)?);
         Ok(Self {
             path: path.to_path_buf(),
-            file: BufReader::with_capacity(1 << 16, file),
-            chunk: Vec::new(),
-            at: 0,
-            torn: false,
+            records: McapRecords::begin(file, about.len()).map_err(failed)?.map_err(none)?,
             channels: BTreeMap::new(),
             schemas: BTreeMap::new(),
-            read: magic.len() as u64,
-            ended: None,
+            orphans: 0,
         })
     }
 
@@ -148,16 +132,52 @@ impl RecordingReader {
     /// How the file ended, once it has.
     #[must_use]
     pub const fn ended(&self) -> Option<&Ended> {
-        self.ended.as_ref()
+        self.records.end()
     }
 
-    /// Where and why the file ended early, once it has; `None`: it is whole.
+    /// Where and why the file ended early, once it has, and how much of it is left out; `None`: it is whole.
     #[must_use]
     pub fn damage(&self) -> Option<String> {
-        match &self.ended {
-            Some(Ended::Cut { after, why }) => Some(format!("after {after} bytes: {why}")),
-            _ => None,
+        self.ended().and_then(Ended::damage)
+    }
+
+    /// What was passed over so far, in words: attachments, and messages of channels that the file does not
+    /// tell of.
+    #[must_use]
+    pub fn passed_over(&self) -> Option<String> {
+        let count = |count: u64, what: &str| {
+            (count > 0).then(|| format!("{count} {what}{}", if count == 1 { "" } else { "s" }))
+        };
+        let attachments = count(self.records.attachments(), "attachment");
+        let orphans = count(self.orphans, "message").map(|words| format!("{words} of unknown channels"));
+        match (attachments, orphans) {
+            (Some(a), Some(b)) => Some(format!("{a} and {b}")),
+            (a, b) => a.or(b),
         }
+    }
+
+    /// Why it is so that `what`, a sentence: the file's damage, or that another program wrote it; `None`:
+    /// neither.
+    #[must_use]
+    pub fn lack(&self, what: &str) -> Option<RecordError> {
+        /// Topics that are named at most, and characters of each.
+        const NAMED: (usize, usize) = (4, 60);
+        let (path, what) = (self.path.clone(), what.to_owned());
+        if let Some(damage) = self.damage() {
+            return Some(RecordError::Unread { path, what, damage });
+        }
+        let raw = |channel: &Channel| channel.topic.is_some_and(RecordingTopic::is_raw);
+        if self.channels.values().any(raw) {
+            return None;
+        }
+        let names = self.channels.values().map(|channel| shortened(&channel.name, NAMED.1));
+        let mut topics: Vec<String> = names.take(NAMED.0).collect();
+        match self.channels.len() {
+            0 => topics.push("it has none".to_owned()),
+            more if more > NAMED.0 => topics.push(format!("{} more", more - NAMED.0)),
+            _ => {}
+        }
+        Some(RecordError::NoTopics { path, what, topics: topics.join(", ") })
     }
 
     /// The next message or facts; `None` at the end.
@@ -166,130 +186,46 @@ impl RecordingReader {
     ///
     /// The disk fails. A damaged file is not an error: it ends.
     pub fn next_entry(&mut self) -> Result<Option<RecordingEntry>, RecordError> {
-        while self.ended.is_none() {
-            if let Some(entry) = self.next_in_chunk() {
+        loop {
+            let failed = |source| RecordError::Read { path: self.path.clone(), source };
+            let Some((kind, body)) = self.records.next_record().map_err(failed)? else { return Ok(None) };
+            let parsed = parse_mcap_record(kind, body).map(taken);
+            if let Some(entry) = self.enter(parsed) {
                 return Ok(Some(entry));
             }
-            if self.ended.is_none()
-                && let Some(entry) = self.next_in_file()?
-            {
-                return Ok(Some(entry));
-            }
-        }
-        Ok(None)
-    }
-
-    /// The next entry of the open chunk; `None` at its end, or where it is damaged.
-    fn next_in_chunk(&mut self) -> Option<RecordingEntry> {
-        while self.at < self.chunk.len() {
-            let rest = self.chunk.get(self.at..).unwrap_or_default();
-            let Some((kind, body)) = split(rest) else {
-                self.at = self.chunk.len();
-                if !self.torn {
-                    self.cut("a record is longer than its chunk".to_owned());
-                }
-                break;
-            };
-            let parsed = wanted(kind).then(|| parse_mcap_record(kind, body).map(taken));
-            self.at += HEAD + body.len();
-            if let Some(entry) = parsed.and_then(|parsed| self.enter(parsed)) {
-                return Some(entry);
-            }
-            if self.ended.is_some() {
-                break;
-            }
-        }
-        if self.torn && self.ended.is_none() {
-            self.cut("the file ends in the middle of a chunk".to_owned());
-        }
-        None
-    }
-
-    /// The next entry outside of chunks, or a chunk to be looked into.
-    fn next_in_file(&mut self) -> Result<Option<RecordingEntry>, RecordError> {
-        let (mut head, failed) = ([0; HEAD], |source| RecordError::Read { path: self.path.clone(), source });
-        match self.file.read_exact(&mut head) {
-            Ok(()) => {}
-            Err(error) if error.kind() == std::io::ErrorKind::UnexpectedEof => {
-                self.cut("the file has no end".to_owned());
-                return Ok(None);
-            }
-            Err(source) => return Err(failed(source)),
-        }
-        let [kind, length @ ..] = head;
-        let length = u64::from_le_bytes(length);
-        if kind == 0 || length > LARGEST_RECORD {
-            self.cut(format!("a record of kind {kind} with {length} bytes"));
-            return Ok(None);
-        }
-        // Grows as the bytes come, whatever the length says.
-        let mut body = Vec::new();
-        let came = (&mut self.file).take(length).read_to_end(&mut body).map_err(failed)? as u64;
-        self.read += HEAD as u64 + came;
-        if kind == op::CHUNK {
-            self.open_chunk(&body, came < length);
-            return Ok(None);
-        }
-        if came < length {
-            self.cut("the file ends in the middle of a record".to_owned());
-            return Ok(None);
-        }
-        if kind == op::FOOTER {
-            let mut end = [0; mcap::MAGIC.len()];
-            let whole = self.file.read_exact(&mut end).is_ok() && end == *mcap::MAGIC;
-            let without = || Ended::Cut { after: self.read, why: "the file has no end".to_owned() };
-            self.ended = Some(if whole { Ended::Whole } else { without() });
-            return Ok(None);
-        }
-        let parsed = wanted(kind).then(|| parse_mcap_record(kind, &body).map(taken));
-        Ok(parsed.and_then(|parsed| self.enter(parsed)))
-    }
-
-    /// Takes the records of a chunk, of which the end may be missing.
-    fn open_chunk(&mut self, body: &[u8], torn: bool) {
-        let Some((crc, compression, records, length)) = chunk_parts(body) else {
-            self.cut("a chunk without a beginning".to_owned());
-            return;
-        };
-        if !compression.is_empty() {
-            let how = String::from_utf8_lossy(compression).into_owned();
-            self.cut(format!("a chunk is compressed ({how}), which no recorder of foretrace does"));
-            return;
-        }
-        if !torn && records.len() as u64 != length {
-            self.cut("a chunk of another length than it says".to_owned());
-            return;
-        }
-        if !torn && crc != 0 && crc32fast::hash(records) != crc {
-            self.cut("the checksum of a chunk is wrong".to_owned());
-            return;
-        }
-        self.chunk.clear();
-        self.chunk.extend_from_slice(records);
-        (self.at, self.torn) = (0, torn);
-        if torn && records.is_empty() {
-            self.cut("the file ends in the middle of a chunk".to_owned());
         }
     }
 
     /// Remembers schemas and channels, passes on what is an entry.
     fn enter(&mut self, parsed: Result<ParsedRecord, String>) -> Option<RecordingEntry> {
         match parsed {
-            Ok(ParsedRecord::Entry(entry)) => return Some(entry),
+            Ok(ParsedRecord::Entry(entry)) => {
+                if let RecordingEntry::Message(message) = &entry
+                    && !self.channels.contains_key(&message.channel)
+                {
+                    self.orphans += 1;
+                }
+                return Some(entry);
+            }
             Ok(ParsedRecord::Schema(id, schema)) => {
                 let bytes = schema.0.len() + schema.1.len() + schema.2.len();
-                if self.fits(bytes, self.schemas.len(), "schema") {
+                // A summary tells again what is known.
+                let others = if self.schemas.contains_key(&id) { 0 } else { self.schemas.len() };
+                if self.fits(bytes, others, "schema") {
                     self.schemas.insert(id, Arc::new(schema));
                 }
             }
-            Ok(ParsedRecord::Channel { id, schema, name, encoding }) => {
-                if self.fits(name.len() + encoding.len(), self.channels.len(), "channel") {
-                    let schema = self.schemas.get(&schema).cloned().unwrap_or_default();
-                    self.channels.insert(id, channel(name, encoding, schema));
+            Ok(ParsedRecord::Channel(found)) => {
+                let facts: usize = found.metadata.iter().map(|(key, value)| key.len() + value.len()).sum();
+                let bytes = found.topic.len() + found.message_encoding.len() + facts;
+                let others = if self.channels.contains_key(&found.id) { 0 } else { self.channels.len() };
+                if self.fits(bytes, others, "channel") {
+                    let schema = self.schemas.get(&found.schema_id).cloned().unwrap_or_default();
+                    self.channels.insert(found.id, channel(found, schema));
                 }
             }
             Ok(ParsedRecord::Nothing) => {}
-            Err(why) => self.cut(why),
+            Err(why) => self.records.refuse(why),
         }
         None
     }
@@ -297,11 +233,11 @@ impl RecordingReader {
     /// Whether one more `what` of `bytes` beside `known` ones is within the bounds; ends the file otherwise.
     fn fits(&mut self, bytes: usize, known: usize, what: &str) -> bool {
         if bytes > LARGEST_SCHEMA {
-            self.cut(format!("a {what} of {bytes} bytes, and {LARGEST_SCHEMA} are the most"));
+            self.records.refuse(format!("a {what} of {bytes} bytes, and {LARGEST_SCHEMA} are the most"));
         } else if known >= MOST_CHANNELS {
-            self.cut(format!("more than {MOST_CHANNELS} of its kind: a {what}"));
+            self.records.refuse(format!("more than {MOST_CHANNELS} of its kind: a {what}"));
         }
-        self.ended.is_none()
+        self.ended().is_none()
     }
 
     /// As [`RecordingReader::content`], for whoever needs tick records and things only: of the rest another
@@ -344,43 +280,12 @@ impl RecordingReader {
         };
         content.ok_or_else(|| RecordError::Damaged { path: self.path.clone(), topic: channel.name.clone() })
     }
-
-    fn cut(&mut self, why: String) {
-        self.ended = Some(Ended::Cut { after: self.read, why });
-    }
-}
-
-/// Kind and length of a record.
-const HEAD: usize = 1 + size_of::<u64>();
-
-/// Kind and body of the record at the front of `bytes`; `None` if it is not all there.
-fn split(bytes: &[u8]) -> Option<(u8, &[u8])> {
-    let [kind, length @ ..] = *bytes.first_chunk::<HEAD>()?;
-    let length = usize::try_from(u64::from_le_bytes(length)).ok()?;
-    bytes.get(HEAD..HEAD.checked_add(length)?).map(|body| (kind, body))
-}
-
-/// Checksum, compression, the records that are there, and how many bytes of them there ought to be.
-fn chunk_parts(body: &[u8]) -> Option<(u32, &[u8], &[u8], u64)> {
-    // Two times and the size come before.
-    let mut rest = body.get(24..)?;
-    let crc = u32::get(&mut rest)?;
-    let named = u32::get(&mut rest)? as usize;
-    let compression = rest.get(..named)?;
-    rest = rest.get(named..)?;
-    let length = u64::get(&mut rest)?;
-    Some((crc, compression, rest, length))
-}
-
-/// Records that say something here; indexes repeat what is known.
-fn wanted(kind: u8) -> bool {
-    matches!(kind, op::SCHEMA | op::CHANNEL | op::MESSAGE | op::METADATA)
 }
 
 enum ParsedRecord {
     Entry(RecordingEntry),
     Schema(u16, Schema),
-    Channel { id: u16, schema: u16, name: String, encoding: String },
+    Channel(mcap::records::Channel),
     Nothing,
 }
 
@@ -390,27 +295,24 @@ fn taken(record: Record<'_>) -> ParsedRecord {
             channel: header.channel_id,
             sequence: header.sequence,
             time_ns: header.log_time,
+            publish_ns: header.publish_time,
             data: data.into_owned(),
         })),
         Record::Metadata(facts) => ParsedRecord::Entry(RecordingEntry::Facts(facts.name, facts.metadata)),
         Record::Schema { header, data } => {
             ParsedRecord::Schema(header.id, (header.name, header.encoding, data.into_owned()))
         }
-        Record::Channel(channel) => ParsedRecord::Channel {
-            id: channel.id,
-            schema: channel.schema_id,
-            name: channel.topic,
-            encoding: channel.message_encoding,
-        },
+        Record::Channel(channel) => ParsedRecord::Channel(channel),
         _ => ParsedRecord::Nothing,
     }
 }
 
-fn channel(name: String, encoding: String, schema: Arc<Schema>) -> Channel {
+fn channel(found: mcap::records::Channel, schema: Arc<Schema>) -> Channel {
+    let mcap::records::Channel { topic: name, message_encoding: encoding, metadata, .. } = found;
     let topic = RecordingTopic::from_name(&name);
     let foreign =
         encoding == WIRE && topic.is_some_and(|topic| layout_of(&topic.schema().2) != layout_of(&schema.2));
-    Channel { name, encoding, schema, topic, foreign }
+    Channel { name, encoding, schema, metadata, topic, foreign }
 }
 
 /// The message of exactly these bytes, if it is a legal one.

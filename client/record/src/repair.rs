@@ -22,13 +22,15 @@ pub struct Mended {
     pub messages: u64,
     /// Why the damaged one ended early; `None`: it was whole.
     pub damage: Option<String>,
+    /// What else is not in the mended file, in words.
+    pub passed_over: Option<String>,
 }
 
 /// Writes what can be read of `from` to the new file `to`.
 ///
 /// # Errors
 ///
-/// `from` is not a recording; `to` exists, or cannot be written.
+/// `from` is not a recording, or no message of it can be saved; `to` exists, or cannot be written.
 pub fn repair(from: &Path, to: &Path) -> Result<Mended, RecordError> {
     let mut reader = RecordingReader::open(from)?;
     whole(to, |file| {
@@ -61,7 +63,7 @@ fn copied(reader: &mut RecordingReader, file: File, part: &Path) -> Result<Mende
                             writer.add_schema(name, encoding, text).map_err(broken)?
                         };
                         let new = writer
-                            .add_channel(schema, &channel.name, &channel.encoding, &BTreeMap::new())
+                            .add_channel(schema, &channel.name, &channel.encoding, &channel.metadata)
                             .map_err(broken)?;
                         channels.insert(message.channel, new);
                         new
@@ -71,20 +73,23 @@ fn copied(reader: &mut RecordingReader, file: File, part: &Path) -> Result<Mende
                     channel_id,
                     sequence: message.sequence,
                     log_time: message.time_ns,
-                    publish_time: message.time_ns,
+                    publish_time: message.publish_ns,
                 };
                 writer.write_to_known_channel(&header, &message.data).map_err(broken)?;
                 messages += 1;
             }
         }
     }
-    let damage = reader.damage();
+    let (damage, passed_over) = (reader.damage(), reader.passed_over());
+    if messages == 0 {
+        return Err(RecordError::NothingToMend { path: reader.path().to_path_buf(), damage });
+    }
     let mut facts = BTreeMap::from([("messages".to_owned(), messages.to_string())]);
     facts.extend(damage.clone().map(|damage| ("damage".to_owned(), damage)));
     let end = Metadata { name: "foretrace.mended".to_owned(), metadata: facts };
     writer.write_metadata(&end).map_err(broken)?;
     writer.finish().map_err(broken)?;
-    Ok(Mended { messages, damage })
+    Ok(Mended { messages, damage, passed_over })
 }
 
 /// Mends what a killed recorder left of `target` and of its further files; returns where they are now.
@@ -131,12 +136,14 @@ fn mend(target: &Path) -> Result<Option<(PathBuf, Mended)>, RecordError> {
     file.try_lock().map_err(|_| RecordError::Busy { path: part.clone() })?;
     let place = (1..).map(|number| numbered(target, &format!("interrupted-{number}")));
     let place = place.into_iter().find(|place| !place.exists()).unwrap_or_else(|| target.to_path_buf());
+    let kept = |damage: Option<String>| -> Result<Option<(PathBuf, Mended)>, RecordError> {
+        appear(&part, &place)?;
+        Ok(Some((place.clone(), Mended { messages: 0, damage, passed_over: None })))
+    };
     let mended = match repair(&part, &place) {
         // Killed before its first bytes were on the disk, or by a power cut that left holes: kept as it is.
-        Err(RecordError::NoRecording { why, .. }) => {
-            appear(&part, &place)?;
-            return Ok(Some((place, Mended { messages: 0, damage: Some(why) })));
-        }
+        Err(RecordError::NoRecording { why, .. }) => return kept(Some(why)),
+        Err(RecordError::NothingToMend { damage, .. }) => return kept(damage),
         mended => mended?,
     };
     std::fs::remove_file(&part).map_err(|source| RecordError::Write { path: part, source })?;

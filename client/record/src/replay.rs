@@ -139,7 +139,7 @@ struct Beginning {
 }
 
 impl Beginning {
-    fn of(path: &Path) -> Result<Self, RecordError> {
+    fn of(path: &Path) -> Result<(Self, RecordingReader), RecordError> {
         let mut reader = RecordingReader::open(path)?;
         let mut found = Self::default();
         while let Some(entry) = reader.next_entry()? {
@@ -166,7 +166,7 @@ impl Beginning {
             }
         }
         found.damage = reader.damage();
-        Ok(found)
+        Ok((found, reader))
     }
 
     /// Build of the law of `daemon`.
@@ -196,16 +196,19 @@ impl Beginning {
 ///
 /// See [`ReplayError`].
 pub fn replay(path: &Path) -> Result<ReplayOutcome, ReplayError> {
-    let beginning = Beginning::of(path)?;
-    let (first_daemon, first_tick, _) = *beginning.stretches.first().ok_or(ReplayError::NoStart)?;
+    let (beginning, reader) = Beginning::of(path)?;
+    let without = |what: &str, otherwise| reader.lack(what).map_or(otherwise, ReplayError::File);
+    let no_start =
+        || without("it holds neither the first tick nor a state to start from", ReplayError::NoStart);
+    let (first_daemon, first_tick, _) = *beginning.stretches.first().ok_or_else(no_start)?;
     let from_first = first_tick == 1;
     let state = beginning.state().filter(|_| !from_first);
     if !from_first && state.is_none() {
-        return Err(ReplayError::NoStart);
+        return Err(no_start());
     }
     let daemon = state.map_or(first_daemon, |state| state.daemon_id);
     let settings = beginning.settings.iter().find(|thing| thing.daemon_id == daemon);
-    let toml = settings.ok_or(ReplayError::NoSettings)?;
+    let toml = settings.ok_or_else(|| without("it holds no settings", ReplayError::NoSettings))?;
     let toml = std::str::from_utf8(&toml.bytes).map_err(|error| ReplayError::Settings(error.to_string()))?;
     let config = Config::recorded(toml).map_err(|error| ReplayError::Settings(error.to_string()))?;
     let mut law = law(config.follower_settings(), config.settings().mpc.horizon)?;
@@ -255,7 +258,7 @@ pub fn replay(path: &Path) -> Result<ReplayOutcome, ReplayError> {
             break;
         }
     }
-    if let (false, Some(Ended::Cut { after, why })) = (ended, reader.ended()) {
+    if let (false, Some(Ended::Cut { after, why, .. })) = (ended, reader.ended()) {
         run.outcome.end = ReplayEnd::Damaged { after: *after, why: why.clone() };
     }
     if let Some((from, to)) = run.times {

@@ -96,6 +96,11 @@ pub(crate) fn longest(path: &Path) -> Result<Stretch, RecordError> {
         }
     }
     longer(&mut best, &mut life);
+    if best.1.is_empty()
+        && let Some(lack) = reader.lack("it holds no armed loop")
+    {
+        return Err(lack);
+    }
     let (daemon, ticks) = best;
     Ok(Stretch { settings: settings.remove(&daemon), ticks, damage: reader.damage() })
 }

@@ -180,9 +180,9 @@ pub fn csv(
     }
     out.flush().map_err(failed)?;
     if header.is_none() {
-        return Err(wrong(format!(
-            "it holds no message of {topic}; `foretrace record --info` lists its topics"
-        )));
+        let why = format!("it holds no message of {topic}");
+        let otherwise = || wrong(format!("{why}; `foretrace record --info` lists its topics"));
+        return Err(reader.lack(&why).unwrap_or_else(otherwise));
     }
     Ok(rows)
 }

@@ -134,7 +134,19 @@ impl Variant {
 ///
 /// See [`WhatIfError`].
 pub fn what_if(path: &Path, variants: &[Variant], threads: usize) -> Result<WhatIfReport, WhatIfError> {
-    let Stretch { settings, ticks: life, damage } = longest(path)?;
+    let stretch = longest(path)?;
+    let damage = stretch.damage.clone();
+    answered(stretch, variants, threads).map_err(|error| match (error, damage) {
+        (error @ (WhatIfError::TooLittle { .. } | WhatIfError::Arm(_)), Some(damage)) => {
+            let (path, what) = (path.to_path_buf(), error.to_string());
+            RecordError::Unread { path, what, damage }.into()
+        }
+        (error, _) => error,
+    })
+}
+
+fn answered(stretch: Stretch, variants: &[Variant], threads: usize) -> Result<WhatIfReport, WhatIfError> {
+    let Stretch { settings, ticks: life, damage } = stretch;
     if life.is_empty() {
         return Err(WhatIfError::TooLittle { what: "no armed loop" });
     }

@@ -197,10 +197,10 @@ fn a_file_that_is_no_recording_gets_a_sentence() {
     let huge = file("huge", b"");
     std::fs::File::options().write(true).open(&huge).unwrap().set_len(1 << 40).unwrap();
     let cases = [
-        (file("empty", b""), "is empty or too short"),
+        (file("empty", b""), "it is empty; copy"),
         (file("text", b"t_s,x_m,y_m,contact\n"), "does not begin as an MCAP file"),
-        (huge, "does not begin as an MCAP file"),
-        (place.path().to_path_buf(), "not a regular file"),
+        (huge, "it holds zeros where it begins"),
+        (place.path().to_path_buf(), "it is a folder"),
         (place.path().join("nowhere"), "cannot read"),
     ];
     for (path, words) in cases {

@@ -113,8 +113,9 @@ impl Head {
         let mut headers = [httparse::EMPTY_HEADER; MOST_HEADERS];
         let mut request = httparse::Request::new(&mut headers);
         match request.parse(bytes) {
-            // A client sends nothing behind the head before it was answered.
-            Ok(httparse::Status::Complete(end)) if end == bytes.len() => {}
+            // A client sends nothing behind the head before it was answered, but for the body of a method
+            // that has one: that is refused by its name.
+            Ok(httparse::Status::Complete(end)) if end == bytes.len() || has_body(&request) => {}
             Ok(httparse::Status::Partial) => return Ok(None),
             Err(httparse::Error::TooManyHeaders) => return Err(NoHead::TooLong),
             _ => return Err(NoHead::Malformed),
@@ -166,6 +167,15 @@ impl Head {
     }
 }
 
+/// Whether a body may follow this head: neither `GET` nor `HEAD`, and a header announces one.
+fn has_body(request: &httparse::Request<'_, '_>) -> bool {
+    let announces = |name: &str| {
+        ["content-length", "transfer-encoding"].iter().any(|wanted| name.eq_ignore_ascii_case(wanted))
+    };
+    !matches!(request.method, Some("GET" | "HEAD"))
+        && request.headers.iter().any(|header| announces(header.name))
+}
+
 /// Answers with `body` and ends the connection. A peer that takes it byte by byte has `most` for all of it.
 ///
 /// # Errors
@@ -195,6 +205,32 @@ pub fn answer_without_body(
     most: Duration,
 ) -> io::Result<()> {
     put(stream, &answer_head(status, kind, length), most)
+}
+
+/// Refuses a method where only those in `allowed` are known, such as `GET, HEAD`, with `words`; then hears
+/// the rest of a body for a moment, which would otherwise cut the answer off. Source: RFC 9110, 15.5.6.
+///
+/// # Errors
+///
+/// As [`answer`].
+pub fn not_allowed(
+    stream: &mut (impl Read + Write),
+    allowed: &str,
+    words: &str,
+    most: Duration,
+) -> io::Result<()> {
+    const HEARD: u64 = 1 << 20;
+    let status = format!("405 Method Not Allowed\r\nAllow: {allowed}");
+    answer(stream, &status, TEXT, format!("{words}\n").as_bytes(), most)?;
+    let (begin, mut heard, mut body) = (Instant::now(), 0, [0; 4096]);
+    while heard < HEARD && begin.elapsed() < most.min(HEAD_TIME) {
+        match stream.read(&mut body) {
+            Ok(count @ 1..) => heard += count as u64,
+            // It ended, or nothing more comes for now.
+            _ => break,
+        }
+    }
+    Ok(())
 }
 
 fn answer_head(status: &str, kind: &str, length: usize) -> Vec<u8> {
@@ -290,7 +326,11 @@ mod tests {
 
     #[test]
     fn what_is_malformed_too_long_or_cut_is_refused() {
+        let posted = "POST / HTTP/1.1\r\nContent-Length: 2\r\n\r\nhi";
+        assert_eq!(read(posted).map(|head| head.method), Ok("POST".to_owned()));
         for wrong in [
+            "GET / HTTP/1.1\r\nContent-Length: 2\r\n\r\nhi",
+            "POST / HTTP/1.1\r\n\r\nhi",
             "\u{ff}\r\n\r\n",
             "GET / HTTP/2.0\r\n\r\n",
             "GET / SMTP/1.1\r\n\r\n",

@@ -61,15 +61,16 @@ impl PathArgs {
         let options = PathOptions { height_m: height, scale, speed, style, label, segments, units };
         match names {
             [file] if has_extension(file, "mcap") => {
-                Ok(PenSource::of(recorded_pen(Path::new(file))?, &options, settings))
+                let (pen, notes) = recorded_pen(Path::new(file))?;
+                Ok(PenSource { notes, ..PenSource::of(pen, &options, settings) })
             }
             _ => source::load(names, &options, settings),
         }
     }
 }
 
-/// The pen of a recording of everything, as the ticks were given it.
-fn recorded_pen(file: &Path) -> Result<PenPath, Failure> {
+/// The pen of a recording of everything, as the ticks were given it, and what of the file was left out.
+fn recorded_pen(file: &Path) -> Result<(PenPath, Vec<String>), Failure> {
     let mut samples: Vec<PathSample> = Vec::new();
     let mut first_ns = None;
     let mut reader = RecordingReader::open(file).map_err(unrecorded)?;
@@ -84,10 +85,15 @@ fn recorded_pen(file: &Path) -> Result<PenPath, Failure> {
     })
     .map_err(unrecorded)?;
     if samples.len() < 2 {
-        let what = format!("{}: it holds {} pen samples, a path needs 2", file.display(), samples.len());
-        return Err(Failure::bad_input(what, "give a recording made while the pen wrote"));
+        let why = format!("it holds {} pen samples, a path needs 2", samples.len());
+        let what = || {
+            let remedy = "give a recording made while the pen wrote";
+            Failure::bad_input(format!("{}: {why}", file.display()), remedy)
+        };
+        return Err(reader.lack(&why).map_or_else(what, unrecorded));
     }
-    Ok(PenPath::from_samples(samples))
+    let left_out = |damage| format!("{} ends early, {damage}; what comes before is played", file.display());
+    Ok((PenPath::from_samples(samples), reader.damage().map(left_out).into_iter().collect()))
 }
 
 fn segments(text: &str) -> Result<(usize, usize), String> {

@@ -10,7 +10,7 @@ use foretrace_live::LiveError;
 use foretrace_record::RecordError;
 use foretrace_record::info::{Info, info};
 use foretrace_record::read::RecordingReader;
-use foretrace_record::repair::repair;
+use foretrace_record::repair::{Mended, repair};
 use foretrace_record::write::part_of;
 use serde::Serialize;
 
@@ -116,7 +116,7 @@ fn unfinished(file: &Path) -> String {
 pub(crate) fn undamaged(file: &Path, damage: Option<&str>) -> Result<(), Failure> {
     let Some(damage) = damage else { return Ok(()) };
     let what = format!("{} ends early, {damage}; the result is of what comes before", file.display());
-    let remedy = format!("mend it with `foretrace record --repair {}`", file.display());
+    let remedy = format!("`foretrace record --repair {}` makes a whole file of that", file.display());
     Err(Failure::bad_input(what, remedy))
 }
 
@@ -145,7 +145,15 @@ fn tell(args: &RecordArgs, file: &Path) -> Result<(), Failure> {
     if let Some(damage) = &summary.damage {
         say!("  it ends early, {damage}: `foretrace record --repair {}`", file.display());
     }
-    args.json.write(&summary)
+    if let Some(passed_over) = &summary.passed_over {
+        say!("  not read: {passed_over}");
+    }
+    args.json.write(&summary)?;
+    if summary.damage.is_some() && summary.topics.is_empty() {
+        let what = format!("{} holds no message that can be read", file.display());
+        return Err(Failure::bad_input(what, "copy it again, or record anew"));
+    }
+    Ok(())
 }
 
 /// What was mended; keys are stable.
@@ -154,6 +162,8 @@ struct MendReport {
     file: PathBuf,
     messages: u64,
     damage: Option<String>,
+    /// What else is not in the mended file.
+    passed_over: Option<String>,
 }
 
 fn mend(args: &RecordArgs, file: &Path) -> Result<(), Failure> {
@@ -167,7 +177,11 @@ fn mend(args: &RecordArgs, file: &Path) -> Result<(), Failure> {
         Some(damage) => say!("{}: {} messages; damaged {damage}", target.display(), mended.messages),
         None => say!("{}: {} messages; there was no damage", target.display(), mended.messages),
     }
-    args.json.write(&MendReport { file: target, messages: mended.messages, damage: mended.damage })
+    if let Some(passed_over) = &mended.passed_over {
+        say!("not in it: {passed_over}");
+    }
+    let Mended { messages, damage, passed_over } = mended;
+    args.json.write(&MendReport { file: target, messages, damage, passed_over })
 }
 
 /// Bytes with k, M or G for powers of a thousand.

@@ -120,15 +120,14 @@ impl Served {
         if slot.asked().is_err() {
             return Ok(());
         }
-        let (status, body) = match (head.method.as_str(), head.path.as_str()) {
-            ("GET" | "HEAD", "/metrics") => ("200 OK", self.board.text() + &self.tally()),
-            ("GET" | "HEAD", _) => ("404 Not Found", "metrics are at /metrics\n".to_owned()),
-            _ => ("405 Method Not Allowed", "ask for GET /metrics\n".to_owned()),
+        let (status, body) = match origin_form(&head.path) {
+            "/metrics" => ("200 OK", self.board.text() + &self.tally()),
+            _ => ("404 Not Found", "metrics are at /metrics\n".to_owned()),
         };
-        let answered = if head.method == "HEAD" {
-            http::answer_without_body(peer, status, KIND, body.len(), WHOLE_ANSWER)
-        } else {
-            http::answer(peer, status, KIND, body.as_bytes(), WHOLE_ANSWER)
+        let answered = match head.method.as_str() {
+            "GET" => http::answer(peer, status, KIND, body.as_bytes(), WHOLE_ANSWER),
+            "HEAD" => http::answer_without_body(peer, status, KIND, body.len(), WHOLE_ANSWER),
+            _ => http::not_allowed(peer, "GET, HEAD", "ask for GET /metrics", WHOLE_ANSWER),
         };
         answered.inspect_err(|error| {
             if matches!(error.kind(), io::ErrorKind::TimedOut | io::ErrorKind::WouldBlock) {
@@ -155,6 +154,14 @@ impl Served {
             .to_owned()
             + &lines.concat()
     }
+}
+
+/// The path of a target that may be a whole URL, as proxies send it. Source: RFC 9112, 3.2.2.
+fn origin_form(path: &str) -> &str {
+    let scheme = "http://";
+    let is_whole = path.get(..scheme.len()).is_some_and(|begin| begin.eq_ignore_ascii_case(scheme));
+    let Some(rest) = path.get(scheme.len()..).filter(|_| is_whole) else { return path };
+    rest.find('/').and_then(|at| rest.get(at..)).unwrap_or("/")
 }
 
 fn count(counter: &AtomicU64) {
@@ -217,6 +224,39 @@ mod tests {
         }
         let reported = ask(address, SCRAPE);
         assert!(reported.contains("refused_total{reason=\"too long\"} 1\n"), "{reported}");
+    }
+
+    #[test]
+    fn a_head_has_the_length_of_its_body_and_other_methods_hear_what_is_allowed() {
+        let address = served("foretrace_up 0\n");
+        let length = |answer: &str| {
+            let line = answer.lines().find_map(|line| line.strip_prefix("Content-Length: ")).unwrap();
+            line.parse::<usize>().unwrap()
+        };
+        for target in [
+            "/metrics",
+            "/metrics?name=up&x[]=%20",
+            "/metrics?",
+            "http://x:9184/metrics?a=b",
+            "/other?/metrics",
+        ] {
+            let got = ask(address, format!("GET {target} HTTP/1.1\r\nHost: x\r\n\r\n").as_bytes());
+            let (head, body) = got.split_once("\r\n\r\n").unwrap();
+            let status = if target.starts_with("/other") { "HTTP/1.1 404" } else { "HTTP/1.1 200" };
+            assert!(got.starts_with(status) && length(head) == body.len(), "{target}: {got}");
+            let headed = ask(address, format!("HEAD {target} HTTP/1.1\r\nHost: x\r\n\r\n").as_bytes());
+            assert_eq!(headed, format!("{head}\r\n\r\n"), "{target}");
+        }
+        let long = "x".repeat(300_000);
+        for method in ["POST", "PUT", "DELETE", "OPTIONS", "PATCH", "BREW"] {
+            for body in ["", "hi", &long] {
+                let asked =
+                    format!("{method} /metrics?x HTTP/1.1\r\nContent-Length: {}\r\n\r\n{body}", body.len());
+                let got = ask(address, asked.as_bytes());
+                assert!(got.starts_with("HTTP/1.1 405") && got.contains("\r\nAllow: GET, HEAD\r\n"), "{got}");
+                assert!(got.ends_with("\r\n\r\nask for GET /metrics\n"), "{method}: {got}");
+            }
+        }
     }
 
     #[test]

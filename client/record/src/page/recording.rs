@@ -169,7 +169,8 @@ pub fn of_recording(path: &Path) -> Result<(String, Explanation), RecordError> {
     let mut found = found(path)?;
     let wrong = |why: String| RecordError::Format { path: path.to_path_buf(), why };
     if found.piece.run.pen.len() < 2 || found.piece.run.joints.len() < 2 {
-        return Err(wrong("the loop never follows a pen in it, so there is nothing to show".to_owned()));
+        let early = told.damage.map_or_else(String::new, |damage| format!("; it ends early, {damage}"));
+        return Err(wrong(format!("the loop never follows a pen in it, so there is nothing to show{early}")));
     }
     let config = found
         .settings

@@ -112,13 +112,16 @@ impl RecordingTopic {
         }
     }
 
+    /// Whether its messages are bytes of ours, from which everything else is made.
+    #[must_use]
+    pub const fn is_raw(self) -> bool {
+        matches!(self, Self::Input | Self::TickRaw | Self::StatusRaw | Self::Thing)
+    }
+
     /// Its encoding of messages.
     #[must_use]
     pub const fn encoding(self) -> &'static str {
-        match self {
-            Self::Input | Self::TickRaw | Self::StatusRaw | Self::Thing => WIRE,
-            _ => "protobuf",
-        }
+        if self.is_raw() { WIRE } else { "protobuf" }
     }
 }
 

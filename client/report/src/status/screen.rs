@@ -299,6 +299,16 @@ fn cut(line: &str, columns: usize) -> String {
     if width(line) <= columns {
         return plain.collect();
     }
+    // Of a path the end tells most: what is left out is in its middle.
+    if let Some(at) = line.find(" /") {
+        let path = line.get(at + 1..).unwrap_or_default();
+        let before = width(line) - width(path);
+        let name = width(path.rsplit('/').next().unwrap_or(path));
+        if before + 1 + name <= columns {
+            let rest = plain.clone().skip(width(line) + before + 1 - columns);
+            return plain.take(before).chain(['…']).chain(rest).collect();
+        }
+    }
     plain.take(columns - 1).chain(['…']).collect()
 }
 
@@ -310,6 +320,18 @@ mod tests {
     };
 
     use super::*;
+
+    #[test]
+    fn a_long_path_is_cut_in_its_middle_and_other_lines_at_their_end() {
+        let path = format!("/{}/flight-17-stop.mcap", "folder".repeat(20));
+        let told = cut(&format!("  flight  stop, 12 s ago: {path}"), 60);
+        assert!(told.contains(": …"), "{told}");
+        assert!(told.ends_with("/flight-17-stop.mcap") && width(&told) == 60, "{told}");
+        let speed = cut("the tool moves with 0.25 m/s and the arm with some rad/s", 30);
+        assert!(speed.starts_with("the tool moves with 0.25 m/s") && speed.ends_with('…'), "{speed}");
+        let name = cut(&format!("file: /{}", "n".repeat(80)), 30);
+        assert!(width(&name) == 30 && name.ends_with('…'), "{name}");
+    }
 
     fn busy() -> Status {
         let mut status = Status {
