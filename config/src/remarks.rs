@@ -33,10 +33,10 @@ fn turned(config: &Config) -> Option<String> {
     let turned = config.robot().turned_base().filter(|_| !config.settings().robot.ur.base_turned)?;
     let (base, _) = config.robot().chain.ends();
     Some(format!(
-        "the frames of the links `{base}` (the base link here) and `{turned}` of the URDF are turned by 180 degrees \
-         about z against each other; [plane] and [clearance] are read in that of `{base}`. For `foretrace arm \
-         ur`: the pendant of a Universal Robots arm shows coordinates in that of `{turned}`; write base_turned = true \
-         under [robot.ur], or base_link = \"{turned}\" under [robot] and coordinates as the pendant shows them"
+        "the frames of the links `{base}` (the base link here) and `{turned}` of the URDF are turned by 180 \
+         degrees about z against each other; [plane] and [clearance] are read in that of `{base}`. For \
+         `foretrace arm ur`: the pendant of a Universal Robots arm shows coordinates in that of `{turned}`; \
+         write base_turned = true under [robot.ur], or base_link = \"{turned}\" under [robot] and coordinates as the pendant shows them"
     ))
 }
 

@@ -40,8 +40,9 @@ pub struct Robot {
 }
 
 impl Robot {
-    /// A link that does not move against the base link and is turned by 180 degrees about z against it, at the
-    /// same place: in ROS's descriptions of arms of Universal Robots the frame that their controller uses.
+    /// A link that does not move against the base link and is turned by 180 degrees about z against it, at
+    /// the same place: in ROS's descriptions of arms of Universal Robots the frame that their controller
+    /// uses.
     #[must_use]
     pub fn turned_base(&self) -> Option<&str> {
         let half_turn = Matrix3::from_diagonal(&Vector3::new(-1.0, -1.0, 1.0));

@@ -24,13 +24,13 @@ fn six(head: &str, inside: &str) -> String {
         let parent = if i == 0 { "base_link".to_owned() } else { format!("l{i}") };
         let n = i + 1;
         text += &format!(
-            "<link name=\"l{n}\">{inside}</link><joint name=\"j{n}\" type=\"revolute\"><parent link=\"{parent}\"/><child \
-             link=\"l{n}\"/><origin xyz=\"{origin}\"/><axis xyz=\"{axis}\"/><limit lower=\"-3.1\" upper=\"3.1\" velocity=\"3\" \
-             effort=\"100\"/></joint>\n"
+            "<link name=\"l{n}\">{inside}</link><joint name=\"j{n}\" type=\"revolute\"><parent \
+             link=\"{parent}\"/><child link=\"l{n}\"/><origin xyz=\"{origin}\"/><axis \
+             xyz=\"{axis}\"/><limit lower=\"-3.1\" upper=\"3.1\" velocity=\"3\" effort=\"100\"/></joint>\n"
         );
     }
-    text + "<link name=\"tool0\"/><joint name=\"jt\" type=\"fixed\"><parent link=\"l6\"/><child link=\"tool0\"/><origin \
-            xyz=\"0 0.08 0\" rpy=\"-1.5708 0 0\"/></joint>\n</robot>\n"
+    text + "<link name=\"tool0\"/><joint name=\"jt\" type=\"fixed\"><parent \
+            link=\"l6\"/><child link=\"tool0\"/><origin xyz=\"0 0.08 0\" rpy=\"-1.5708 0 0\"/></joint>\n</robot>\n"
 }
 
 #[test]

@@ -228,8 +228,8 @@ impl Arm {
             };
             let _ = write!(
                 text,
-                "<link name=\"{child}\"/>\n<joint name=\"to_{child}\" type=\"{kind}\"><parent link=\"{parent}\"/><child \
-                 link=\"{child}\"/><origin xyz=\"{x} {y} {d}\" rpy=\"{alpha} 0 {theta}\"/>"
+                "<link name=\"{child}\"/>\n<joint name=\"to_{child}\" type=\"{kind}\"><parent \
+                 link=\"{parent}\"/><child link=\"{child}\"/><origin xyz=\"{x} {y} {d}\" rpy=\"{alpha} 0 {theta}\"/>"
             );
             if let (Some([low, high]), Some(speed)) = (self.limits.get(joint), self.speeds.get(joint)) {
                 let [low, high, speed] = [low, high, speed].map(|degrees| degrees.to_radians());

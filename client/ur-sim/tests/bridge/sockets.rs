@@ -272,6 +272,7 @@ fn behind_ros_base_link(more: &str) -> Config {
 fn a_base_frame_that_is_turned_is_refused_with_what_to_write_and_then_taken() {
     let options = ControllerOptions { ephemeral_ports: true, ..ControllerOptions::new(Series::Cb3) };
     let controller = Controller::start(options).unwrap();
+    controller.obey("tcp 0 0 0.15 0 0 0");
     let at = |service: Service| controller.address(service).unwrap();
     let addresses = Addresses {
         rtde: at(Service::Rtde),

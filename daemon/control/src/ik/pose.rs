@@ -98,7 +98,8 @@ fn plain<const J: usize>(chain: &Chain<J>, mut q: [f64; J], target: &ToolTarget)
 /// Newton steps whose damping falls while they help and grows until they do; the nearest pose where they do
 /// not reach.
 ///
-/// *Source*: Marquardt 1963, *An Algorithm for Least-Squares Estimation of Nonlinear Parameters*, with bounds.
+/// *Source*: Marquardt 1963, *An Algorithm for Least-Squares Estimation of Nonlinear Parameters*, with
+/// bounds.
 fn damped<const J: usize>(
     chain: &Chain<J>,
     mut q: [f64; J],

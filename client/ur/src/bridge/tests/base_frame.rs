@@ -21,8 +21,8 @@ const UR5: DhParameters = DhParameters {
 /// controller's frame, and beside a leaf `base` with that frame as well, as ROS has it.
 fn ros(inner: &str, yaw: f64, home: f64, robot: &str) -> Config {
     let more = format!(
-        "<link name=\"base_link\"/><joint name=\"turn\" type=\"fixed\"><parent link=\"base_link\"/><child link=\"{inner}\"/><origin \
-         xyz=\"0 0 0\" rpy=\"0 0 {yaw}\"/></joint><link name=\"leaf\"/><joint name=\"side\" type=\"fixed\"><parent \
+        "<link name=\"base_link\"/><joint name=\"turn\" type=\"fixed\"><parent \
+         link=\"base_link\"/><child link=\"{inner}\"/><origin xyz=\"0 0 0\" rpy=\"0 0 {yaw}\"/></joint><link name=\"leaf\"/><joint name=\"side\" type=\"fixed\"><parent \
          link=\"base_link\"/><child link=\"leaf\"/><origin rpy=\"0 0 {yaw}\"/></joint></robot>"
     );
     let embedded = presets::robot("ur5").unwrap().replace("\"base_link\"", &format!("\"{inner}\""));

@@ -1,3 +1,5 @@
+//! Documents of arms as others write them.
+
 use super::*;
 use crate::arm::description;
 

@@ -1,3 +1,5 @@
+//! Poses near singularities, far ones, and those out of reach.
+
 use super::*;
 use nalgebra::{Rotation3, Unit};
 use rand::{RngExt as _, SeedableRng as _};
