@@ -238,5 +238,5 @@ impl RtdeSession {
 /// Whether an answer with these words fits into a package, with a recipe's number and commas between them.
 fn fits(answers: &[FieldAnswer]) -> bool {
     let words: usize = answers.iter().map(|answer| answer.word().len() + 1).sum();
-    words + HEADER + 1 <= LARGEST
+    words + HEADER < LARGEST
 }

@@ -1,6 +1,6 @@
 //! ROS's descriptions of Universal Robots arms: a base frame that is turned against the controller's.
 
-use std::f64::consts::FRAC_PI_2;
+use std::f64::consts::{FRAC_PI_2, PI};
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -22,7 +22,8 @@ const UR5: DhParameters = DhParameters {
 fn ros(inner: &str, yaw: f64, home: f64, robot: &str) -> Config {
     let more = format!(
         "<link name=\"base_link\"/><joint name=\"turn\" type=\"fixed\"><parent \
-         link=\"base_link\"/><child link=\"{inner}\"/><origin xyz=\"0 0 0\" rpy=\"0 0 {yaw}\"/></joint><link name=\"leaf\"/><joint name=\"side\" type=\"fixed\"><parent \
+         link=\"base_link\"/><child link=\"{inner}\"/><origin \
+         xyz=\"0 0 0\" rpy=\"0 0 {yaw}\"/></joint><link name=\"leaf\"/><joint name=\"side\" type=\"fixed\"><parent \
          link=\"base_link\"/><child link=\"leaf\"/><origin rpy=\"0 0 {yaw}\"/></joint></robot>"
     );
     let embedded = presets::robot("ur5").unwrap().replace("\"base_link\"", &format!("\"{inner}\""));
@@ -41,7 +42,7 @@ fn judged(dh: &DhParameters, config: &Config) -> Result<(), CheckRefusal> {
 
 #[test]
 fn a_turned_base_frame_is_refused_with_the_line_to_write_and_followed_where_it_is_written() {
-    for (inner, yaw) in [("base", 3.141592653589793), ("base_link_inertia", -3.14159)] {
+    for (inner, yaw) in [("base", PI), ("base_link_inertia", -PI + 3e-6)] {
         let config = ros(inner, yaw, 0.0, "");
         let refusal = judged(&UR5, &config).unwrap_err();
         let text = refusal.to_string();
@@ -59,7 +60,7 @@ fn a_turned_base_frame_is_refused_with_the_line_to_write_and_followed_where_it_i
         assert_eq!(judged(&UR5, &said), Ok(()));
         assert!(deviation(&UR5, &said).unwrap().most_mm < 0.01);
         assert!(!said.notes().iter().any(|note| note.contains("180 degrees")));
-        let inside = ros(inner, yaw, 3.1416, &format!("base_link = \"{inner}\"\n"));
+        let inside = ros(inner, yaw, PI, &format!("base_link = \"{inner}\"\n"));
         assert_eq!(judged(&UR5, &inside), Ok(()));
         assert!(!inside.notes().iter().any(|note| note.contains("180 degrees")));
     }
@@ -70,12 +71,9 @@ fn only_a_half_turn_about_z_is_taken_for_one() {
     let mut other = UR5;
     other.a[1] = -0.612;
     other.a[2] = -0.5723;
-    assert!(matches!(
-        judged(&other, &ros("base", std::f64::consts::PI, 0.0, "")),
-        Err(CheckRefusal::Model { .. })
-    ));
+    assert!(matches!(judged(&other, &ros("base", PI, 0.0, "")), Err(CheckRefusal::Model { .. })));
     // A quarter turn is somebody's own table: no line of ours makes that right.
-    let quarter = ros("base", FRAC_PI_2, 1.5708, "");
+    let quarter = ros("base", FRAC_PI_2, FRAC_PI_2, "");
     assert!(matches!(judged(&UR5, &quarter), Err(CheckRefusal::Model { .. })));
     // The settings say turned, and the model is not.
     let text = "preset = \"ur5\"\n[robot.ur]\nbase_turned = true\n";

@@ -4,9 +4,10 @@ use super::*;
 use nalgebra::{Rotation3, Unit};
 use rand::{RngExt as _, SeedableRng as _};
 use rand_pcg::Pcg64;
+use std::f64::consts::{FRAC_PI_2, PI};
 
 const UR5: &str = include_str!("../../../../../config/robots/ur5.urdf");
-const HOME: [f64; 6] = [3.1416, -1.3, 1.8, -2.0708, -1.5708, 0.0];
+const HOME: [f64; 6] = [PI, -1.3, 1.8, -2.0708, -FRAC_PI_2, 0.0];
 
 /// Where the tool is at `q`, as a target.
 fn target_at(chain: &Chain<6>, q: &[f64; 6]) -> ToolTarget {
@@ -62,7 +63,7 @@ fn a_far_pose_is_reached_along_the_way() {
 fn what_is_out_of_reach_stays_so_however_little_it_is() {
     let chain = Chain::<6>::from_urdf(UR5, None, None).unwrap();
     // The arm stretched: a point farther along the line from the shoulder is beyond it.
-    let stretched = [3.1416, -0.4, 0.0, -1.2, -1.5708, 0.0];
+    let stretched = [PI, -0.4, 0.0, -1.2, -FRAC_PI_2, 0.0];
     let wrist = chain.forward(&stretched);
     let outwards = {
         let from: Vector3<f64> = wrist.origins.column(1).into();
@@ -80,7 +81,7 @@ fn what_is_out_of_reach_stays_so_however_little_it_is() {
     }
     let narrow = UR5.replace("lower=\"-3.141592653589793\"", "lower=\"1.7\"");
     let narrow = Chain::<6>::from_urdf(&narrow, None, None).unwrap();
-    let behind = target_at(&chain, &[3.1416, -1.0, 1.4, -2.0, -1.5708, 0.0]);
+    let behind = target_at(&chain, &[PI, -1.0, 1.4, -2.0, -FRAC_PI_2, 0.0]);
     assert!(solve_pose(&chain, &HOME, &behind).is_some());
     let found = solve_pose(&narrow, &HOME, &behind);
     assert!(found.is_none_or(|q| q[2] >= 1.7), "{found:?}");
