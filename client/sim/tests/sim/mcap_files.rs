@@ -119,7 +119,7 @@ fn damage_is_told_with_its_place_and_what_is_left_out() {
     let note = load_recording(&file(&folder, "unknown.mcap", &unknown)).unwrap().notes.join("; ");
     assert!(note.contains(&format!("after {end} bytes: a chunk is compressed with \"br\"")), "{note}");
     // Nothing but such chunks.
-    let only = [&mcap::MAGIC[..], &chunk("br", b"packed", true)].concat();
+    let only = [mcap::MAGIC, &chunk("br", b"packed", true)].concat();
     let told = refused(&file(&folder, "only.mcap", &only));
     for words in ["only.mcap: it has no topic /raw/input", "after 8 bytes", "\"br\"", "write the file anew"] {
         assert!(told.contains(words), "{told}");
