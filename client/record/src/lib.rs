@@ -55,7 +55,7 @@ pub enum RecordError {
     #[error("{} is no recording: {why}", path.display())]
     NoRecording { path: PathBuf, why: String },
     /// Damaged before anything that is needed.
-    #[error("{}: {what} in what can be read of it: it ends early, {damage}; `foretrace record --repair` keeps \
+    #[error("{}: {what}, and it ends early, {damage}; `foretrace record --repair` keeps \
              what comes before", path.display())]
     Unread { path: PathBuf, what: String, damage: String },
     /// Nothing in it can be saved.

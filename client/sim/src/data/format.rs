@@ -197,10 +197,14 @@ fn begins_mat(head: &[u8]) -> bool {
 
 /// Whether a file begins as an InkML document.
 fn begins_inkml(head: &[u8]) -> bool {
+    /// Characters of the name of an element at most.
+    const LONGEST_NAME: usize = 80;
     let text = decoded(head);
     let text = text.trim_start_matches('\u{feff}').trim_start();
     let is_root = |(at, _): (usize, &str)| {
+        // A name without an end would be looked for in all of the rest, from every bracket on.
         let rest = text.get(at + 1..).unwrap_or_default();
+        let rest = rest.char_indices().nth(LONGEST_NAME).and_then(|(end, _)| rest.get(..end)).unwrap_or(rest);
         let name = rest.split(|c: char| c.is_whitespace() || c == '>' || c == '/').next().unwrap_or_default();
         name == "ink" || name.ends_with(":ink")
     };

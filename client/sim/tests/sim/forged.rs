@@ -3,6 +3,7 @@
 
 use crate::forging::read_forged;
 use crate::made::{self, Mat};
+use crate::rewriting::{Layout, rewritten};
 use foretrace_sim::data::{DataSet, Split, load_recording, parse_mcap_record};
 
 /// A file of the greatest size that these tests forge takes a hundredth of it as it is.
@@ -19,6 +20,11 @@ fn forged_recordings_are_refused_with_a_sentence() {
     let mut seeds: Vec<Vec<u8>> = [unipen, inkml, csv].map(|text| text.into()).into();
     seeds.extend([little.train_file(false), big.train_file(false), little.train_file(true)]);
     seeds.extend([made::mcap(false), made::mcap(true)]);
+    // Without checksums, so that damage reaches the decoders.
+    for compression in [&["zstd"], &["lz4"]] {
+        let layout = Layout { sums: false, compression, ..Layout::default() };
+        seeds.push(rewritten(&made::mcap(true), &layout));
+    }
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("a.doc"), ".PEN_UP\n4 4\n").unwrap();
     // The contents decide; where they do not tell, the name.

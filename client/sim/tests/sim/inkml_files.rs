@@ -251,7 +251,7 @@ fn every_refusal_names_file_line_and_reason() {
         ("<ink>\n<trace>1 2,3</trace></ink>", "a.inkml:2: a point has 1 of 2 values"),
         ("<ink>\n<trace>1</tracé></ink>", "a.inkml:2: malformed XML: "),
         ("<ink><trace>1 2</trace>\n", "a.inkml:2: the file ends inside <ink>"),
-        ("<html>\n<ink/></html>", "a.inkml:1: the document is <html>; expected <ink>"),
+        ("<svg>\n<ink/></svg>", "a.inkml:1: the document is <svg>; expected <ink>"),
         ("<ink></ink>", "a.inkml: no ink: the file has no trace with points"),
         (
             "<ink><trace type=\"penUp\">1 2</trace></ink>",

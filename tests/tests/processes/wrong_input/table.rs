@@ -177,7 +177,7 @@ pub(super) const CASES: &[Case] = &[
     ("record --repair @/none.mcap", 5, &["cannot read", "none.mcap"]),
     ("replay @/none.mcap", 5, &["cannot read", "none.mcap"]),
     ("play @/none.mcap {}", 5, &["cannot read", "none.mcap"]),
-    ("replay @", 5, &["not a regular file"]),
+    ("replay @", 5, &["it is a folder"]),
     ("replay @/none.mcap --what-if trust", 2, &["KEY=VALUE"]),
     ("replay @/none.mcap --what-if trust=0", 5, &["cannot read", "none.mcap"]),
     ("explain @/none.mcap", 5, &["cannot read", "none.mcap"]),
