@@ -33,7 +33,8 @@ ROOMS = {
     ],
     "client/report/src": ["failures", "extent", "ghost", "stopped", "status", "run"],
     "client/arm/src": [
-        "priority", "ports", "refused", "judge", "intake", "agreement", "joint_log", "report", "guide", "sim", "ur",
+        "spin_watch", "priority", "ports", "refused", "judge", "intake", "agreement", "joint_log", "report", "guide",
+        "sim", "ur",
     ],
     "client/calibrate/src": ["motion", "same_tool", "listener", "lag_report", "picture", "lag", "plane"],
     "client/gateway/src": ["holder", "socket", "tally", "serve"],

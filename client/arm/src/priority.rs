@@ -10,10 +10,12 @@ use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 
 use foretrace_report::Tell;
 
+use crate::spin_watch;
+
 /// So far below the loop, whose commands they take.
 const BELOW_THE_LOOP: u32 = 10;
-/// Longest that a thread with priority may compute without a pause: then the kernel ends its process
-/// (SIGXCPU), because on its CPU nothing but the loop runs until then. Its cycles take less than 10 ms.
+/// Longest that a thread with priority may compute without a pause: then its process is ended (SIGXCPU),
+/// because on its CPU nothing but the loop runs until then. Its cycles take less than 10 ms.
 const SPINS: Duration = Duration::from_millis(200);
 
 /// SCHED_FIFO priority of an arm's process.
@@ -28,10 +30,14 @@ pub fn ask(who: &str, priority: u32, no_rights: bool, tell: Tell<'_>) -> Option<
     if no_rights {
         return Some("--no-rights".to_owned());
     }
-    let missing = match limit_spin(SPINS) {
-        Ok(()) => set_fifo(priority).err()?.text,
-        Err(error) => format!("no priority: RLIMIT_RTTIME cannot be set ({error})"),
-    };
+    let missing = limit_spin(SPINS)
+        .map_err(|error| format!("no priority: RLIMIT_RTTIME cannot be set ({error})"))
+        .and_then(|()| set_fifo(priority).map_err(|missing| missing.text))
+        .and_then(|()| {
+            spin_watch::watch(SPINS, priority)
+                .map_err(|error| format!("no thread that looks whether it spins ({error})"))
+        })
+        .err()?;
     tell(&format!("{who}: {missing}"));
     Some(missing)
 }
