@@ -127,7 +127,8 @@ const DEADLY: [(&str, Forge, &str); 9] = [
 ];
 
 fn nested(robot: &Path, depth: usize) {
-    let text = format!("<robot name=\"x\">{}{}</robot>", "<link>".repeat(depth), "</link>".repeat(depth));
+    let text =
+        format!("<robot name=\"x\">{}{}</robot>", "<link name=\"x\">".repeat(depth), "</link>".repeat(depth));
     std::fs::write(robot, text).expect("own folder");
 }
 
