@@ -9,6 +9,8 @@ use std::io::{Error, ErrorKind, Read as _, Result};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
+use crate::encoding::xml_text;
+
 /// Longest settings file \[bytes\]: fifty times the longest preset.
 pub const LONGEST_SETTINGS: u64 = 1 << 20;
 
@@ -46,6 +48,15 @@ pub fn read_regular(path: &Path, most: u64) -> Result<Vec<u8>> {
 /// As [`read_regular`], or it is not UTF-8.
 pub fn read_text(path: &Path, most: u64) -> Result<String> {
     text(read_regular(path, most)?)
+}
+
+/// As [`read_regular`], of an XML file: UTF-8, or UTF-16 or ISO-8859-1 where it says so.
+///
+/// # Errors
+///
+/// As [`read_regular`], or it is in another encoding.
+pub fn read_xml(path: &Path, most: u64) -> Result<String> {
+    xml_text(read_regular(path, most)?)
 }
 
 fn text(bytes: Vec<u8>) -> Result<String> {
@@ -126,6 +137,15 @@ impl Files {
     /// As [`Files::read`], or it is not UTF-8.
     pub fn read_text(&self, path: &Path, most: u64) -> Result<String> {
         text(self.read(path, most)?)
+    }
+
+    /// As [`read_xml`], where these are.
+    ///
+    /// # Errors
+    ///
+    /// As [`Files::read`], or it is in another encoding.
+    pub fn read_xml(&self, path: &Path, most: u64) -> Result<String> {
+        xml_text(self.read(path, most)?)
     }
 
     /// Whether there is something of this name.

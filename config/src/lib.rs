@@ -8,6 +8,7 @@
 
 #![forbid(unsafe_code)]
 
+mod encoding;
 pub mod files;
 mod plain;
 mod nearest;

@@ -1,5 +1,7 @@
 //! Remarks on legal settings: what they cost or lack, or what will refuse them later; one line each.
 
+use std::f64::consts::PI;
+
 use foretrace_control::arm::Chain;
 use foretrace_control::follower::FollowerSettings;
 use foretrace_control::predict::{Models, PredictorKind};
@@ -25,7 +27,27 @@ pub(crate) fn remarks(config: &Config) -> Vec<String> {
 
 pub(crate) fn notes(config: &Config) -> Vec<String> {
     let law = config.follower_settings();
-    lowered(config.settings(), &law).into_iter().chain(turned(config)).chain(torque(config, false)).collect()
+    let mut notes: Vec<String> = lowered(config.settings(), &law).into_iter().chain(turned(config)).collect();
+    notes.extend(torque(config, false).into_iter().chain(degrees(&config.robot().chain)));
+    notes
+}
+
+/// Farthest that a joint turns, and fastest, before somebody asks whether these are degrees \[rad, rad/s\]:
+/// two turns, and the fastest wrists of small arms.
+const MOST_TURNED_RAD: f64 = 4.0 * PI;
+const MOST_RADPS: f64 = 10.0 * PI;
+
+/// Tells of limits of the description that look like degrees.
+fn degrees(chain: &Chain<JOINTS>) -> Option<String> {
+    let limits = chain.limits();
+    let mut found = Vec::new();
+    for ((name, position), velocity) in limits.names.iter().zip(limits.position).zip(limits.velocity) {
+        let far = position.into_iter().find(|end| end.is_finite() && end.abs() > MOST_TURNED_RAD + 1e-3);
+        found.extend(far.map(|end| format!("`{name}` turns to {end} rad")));
+        found.extend((velocity > MOST_RADPS).then(|| format!("`{name}` turns with {velocity} rad/s")));
+    }
+    (!found.is_empty())
+        .then(|| format!("limits of the URDF look like degrees, and count as radians: {}", found.join(", ")))
 }
 
 /// Tells of the two base frames of ROS's descriptions of arms of Universal Robots.
@@ -52,7 +74,10 @@ fn torque(config: &Config, serious: bool) -> Vec<String> {
             .collect(),
         Err(_) if serious => Vec::new(),
         Err(error) => {
-            vec![format!("whether the joints have the torque for these limits is not known: {error}")]
+            vec![format!(
+                "whether the joints have the torque for these limits is not known, and contact is not judged: \
+                 {error}"
+            )]
         }
     }
 }

@@ -17,8 +17,8 @@ use crate::presets;
 use crate::settings::{PlaneSection, RobotSection, Settings};
 use crate::written::SettingOrigin;
 
-/// A home that is outside the joint limits by this much or less was written with few digits.
-const HOME_ROUNDING_RAD: f64 = 1e-3;
+/// A home that is outside the joint limits by this much or less was written with three digits.
+const HOME_ROUNDING_RAD: f64 = 0.5e-3 + 1e-9;
 
 /// Frames that differ by no more than the digits of a half turn \[rad, m\].
 const SAME_FRAME: f64 = 1e-3;
@@ -40,14 +40,15 @@ pub struct Robot {
 }
 
 impl Robot {
-    /// A link that does not move against the base link and is turned by 180 degrees about z against it, at
-    /// the same place: in ROS's descriptions of arms of Universal Robots the frame that their controller
-    /// uses.
+    /// A link that is fixed below the base link and turned by 180 degrees about z against it, at the same
+    /// place: in ROS's descriptions of arms of Universal Robots the frame that their controller uses.
     #[must_use]
     pub fn turned_base(&self) -> Option<&str> {
         let half_turn = Matrix3::from_diagonal(&Vector3::new(-1.0, -1.0, 1.0));
         let turned = self.chain.still_links().iter().find(|link| {
-            (link.rotation - half_turn).norm() < SAME_FRAME && link.translation.norm() < SAME_FRAME
+            link.below
+                && (link.rotation - half_turn).norm() < SAME_FRAME
+                && link.translation.norm() < SAME_FRAME
         });
         turned.map(|link| link.name.as_str())
     }
@@ -130,7 +131,7 @@ fn tool_of_another(section: &RobotSection, report: &mut Findings<'_>) {
 fn chain(section: &RobotSection, report: &mut Findings<'_>) -> Option<Chain<JOINTS>> {
     let text = match presets::robot(&section.urdf) {
         Some(text) => text.to_owned(),
-        None => match report.files.read_text(Path::new(&section.urdf), LONGEST_BYTES as u64) {
+        None => match report.files.read_xml(Path::new(&section.urdf), LONGEST_BYTES as u64) {
             Ok(text) => text,
             Err(error) => {
                 report.conflict(

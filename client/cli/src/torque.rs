@@ -12,7 +12,7 @@ pub(crate) fn run(settings: &SettingsArgs) -> Result<(), Failure> {
         Failure::new(
             Cause::BadInput,
             format!("the torques of this arm cannot be computed: {error}"),
-            "give the moving links of robot.urdf an <inertial>",
+            "give the moving links of robot.urdf an <inertial>, and its joints their effort limit",
         )
     })?;
     say!("{}", table(config.name(), &room));

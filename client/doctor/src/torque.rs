@@ -11,7 +11,7 @@ pub(crate) fn judge(config: &Config) -> CheckResult {
     let room = match config.headroom() {
         Ok(room) => room,
         Err(error) => {
-            let fix = "give the links of robot.urdf their <inertial>, or know that nobody checks this";
+            let fix = "give the links of robot.urdf their <inertial> and its joints their effort limit, or know that nobody checks this";
             return CheckResult::warning(NAME, format!("not known: {error}"), fix);
         }
     };

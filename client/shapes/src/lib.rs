@@ -18,7 +18,7 @@ mod mesh;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use foretrace_config::files::read_text;
+use foretrace_config::files::read_xml;
 use nalgebra::{Rotation3, Vector3};
 use urdf_rs::{Geometry, Link, Pose};
 
@@ -101,7 +101,7 @@ pub fn propose(urdf: &Path, options: &ShapesOptions) -> Result<Vec<Proposal>, Sh
         why: error.to_string(),
     };
     let longest = foretrace_control::arm::LONGEST_BYTES as u64;
-    let text = read_text(urdf, longest).map_err(|error| wrong(&error))?;
+    let text = read_xml(urdf, longest).map_err(|error| wrong(&error))?;
     let robot = foretrace_control::arm::description(&text).map_err(|error| wrong(&error))?;
     let known = |name: &String| robot.links.iter().any(|link| link.name == *name);
     if let Some(name) = options.most.iter().filter_map(|(name, _)| name.as_ref()).find(|name| !known(name)) {

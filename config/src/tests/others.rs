@@ -1,7 +1,11 @@
 //! Descriptions of arms as others write them, and homes with few digits.
 
+use std::path::PathBuf;
+use std::sync::Arc;
+
 use super::arm::with_urdf;
-use crate::presets;
+use crate::files::Files;
+use crate::{Draft, presets};
 
 /// The arm of [`six`] writes on a wall: its pen is horizontal at home.
 const WALL: &str = "home_rad = [0.0, 0.6, 1.2, -1.8, 0.0, 0.0]\n[plane]\norigin_m = [0.567, 0.44, 0.451]\n\
@@ -85,7 +89,64 @@ fn a_home_outside_its_limits_by_rounding_is_taken_as_the_limit_and_by_more_is_re
     let config = turned(std::f64::consts::PI).unwrap();
     assert_eq!(config.robot().home[5], std::f64::consts::PI);
     assert!(config.settings().robot.home_rad[5] > config.robot().home[5], "as it was written");
-    assert_eq!(turned(3.1407).unwrap().robot().home[5], 3.1407);
-    let text = turned(3.1405).unwrap_err();
+    assert_eq!(turned(3.1412).unwrap().robot().home[5], 3.1412);
+    let text = turned(3.1409).unwrap_err();
     assert!(text.contains("`robot.home_rad`") && text.contains("wrist_3_joint"), "{text}");
+}
+
+/// A post beside the foot of an arm that ROS describes: refused from whichever base the settings name, with
+/// the paper and the home written for that base.
+#[test]
+fn a_keep_out_beside_the_foot_is_one_from_every_base() {
+    let post = |place: &str| {
+        format!(
+            "<link name=\"base_link\"/><link name=\"post\"><collision><geometry><sphere \
+             radius=\"0.1\"/></geometry></collision></link><joint name=\"t\" type=\"fixed\"><parent \
+             link=\"base_link\"/><child link=\"inner\"/><origin rpy=\"0 0 3.14159265\"/></joint><joint \
+             name=\"p\" type=\"fixed\"><parent link=\"base_link\"/><child link=\"post\"/><origin xyz=\"{place}\"/></joint></robot>"
+        )
+    };
+    let inner = presets::robot("ur5").unwrap().replace("\"base_link\"", "\"inner\"");
+    let of = |place: &str, settings: &str| with_urdf(&inner.replace("</robot>", &post(place)), settings);
+    let outside = "home_rad = [0.0, -1.3, 1.8, -2.0708, -1.5708, 0.0]\n";
+    let inside = "base_link = \"inner\"\nhome_rad = [0.0, -1.3, 1.8, -2.0708, -1.5708, 0.0]\n[plane]\norigin_m = \
+                  [-0.5526, -0.1092, 0.0683]\nx_axis = [0.0, 1.0, 0.0]\n";
+    for settings in [outside, inside] {
+        let text = of("0.4 0.11 0.45", settings).unwrap_err();
+        assert!(text.contains("not clear at robot.home_rad") && text.contains("`post`"), "{text}");
+        assert!(of("0.4 1.5 0.45", settings).is_ok());
+    }
+}
+
+#[test]
+fn limits_that_look_like_degrees_and_efforts_that_nobody_stated_are_noted() {
+    let notes = |from: &str, to: &str| {
+        let text = six("", "");
+        assert!(text.contains(from));
+        load(&text.replacen(from, to, 1)).unwrap().notes().join("\n")
+    };
+    let plain = notes("lower=\"-3.1\"", "lower=\"-3.0\"");
+    assert!(!plain.contains("degrees") && !plain.contains("effort limit"), "{plain}");
+    let far = notes("lower=\"-3.1\" upper=\"3.1\"", "lower=\"-170\" upper=\"170\"");
+    assert!(far.contains("look like degrees") && far.contains("`j1` turns to -170 rad"), "{far}");
+    let fast = notes("velocity=\"3\"", "velocity=\"360\"");
+    assert!(fast.contains("`j1` turns with 360 rad/s"), "{fast}");
+    for stated in ["effort=\"0\"", ""] {
+        let note = notes("effort=\"100\"", stated);
+        assert!(
+            note.contains("not known, and contact is not judged") && note.contains("joint `j1`"),
+            "{note}"
+        );
+    }
+}
+
+#[test]
+fn a_description_in_latin_1_is_read_as_it_declares() {
+    let text = six("<!-- Größe in Metern -->", "").replacen("1.0\"?", "1.0\" encoding=\"ISO-8859-1\"?", 1);
+    let bytes: Vec<u8> = text.chars().map(|character| u8::try_from(u32::from(character)).unwrap()).collect();
+    assert!(std::str::from_utf8(&bytes).is_err());
+    let files = Files::Only(Arc::new([(PathBuf::from("/arm/arm.urdf"), bytes)].into()));
+    let settings =
+        format!("preset = \"ur5\"\n[robot]\nurdf = \"arm.urdf\"\ntool_m = [0.0, 0.0, 0.1]\n{WALL}");
+    Draft::text(&settings, "t.toml", "/arm").files(files).finish().unwrap_or_else(|why| panic!("{why}"));
 }

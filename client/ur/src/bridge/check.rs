@@ -7,7 +7,7 @@ use std::net::IpAddr;
 use foretrace_client::JOINTS;
 use foretrace_config::{Config, Settings};
 
-use super::kinematics::Deviation;
+use super::kinematics::{Deviation, DhParameters, fitting_base};
 
 pub use crate::rtde::ControllerVersion as Version;
 pub use crate::series::Series;
@@ -119,6 +119,25 @@ pub enum CheckRefusal {
         /// Base link of the settings' model.
         base: String,
     },
+    /// Another link of the model stands where the controller's base frame does.
+    #[error(
+        "the base frame of the settings' model, link `{base}`, is not the controller's, whose arm is off by \
+         {apart_mm:.0} mm at the tool; that of link `{link}` {how}: write `base_link = \"{link}\"` under \
+         [robot], `base_turned = {turned}` under [robot.ur], and [plane] and [clearance] in the frame of \
+         `{link}`{pendant}"
+        , how = if *turned { "is, turned by 180 degrees about z" } else { "is" }
+        , pendant = if *turned { "" } else { ", as the pendant shows them" }
+    )]
+    AnotherBase {
+        /// Base link of the settings' model.
+        base: String,
+        /// The link that fits.
+        link: String,
+        /// Its frame is turned by 180 degrees about z against the controller's.
+        turned: bool,
+        /// Distance of the tool between arm and model \[mm\].
+        apart_mm: f64,
+    },
     /// The model is of another arm.
     #[error(
         "the arm's kinematics differ from the settings' model by {apart_mm:.0} mm at the tool: \
@@ -210,23 +229,40 @@ pub fn installation(
     refused
 }
 
-/// The model of `config` is of this arm; `name` is what its own measures say it is.
+/// The model of `config` is of this arm with kinematics `dh`, which `deviation` compares; `name` is what its
+/// own measures say it is.
 ///
 /// # Errors
 ///
-/// [`CheckRefusal::Model`], [`CheckRefusal::BaseTurned`], [`CheckRefusal::BaseNotTurned`].
-pub fn model(deviation: Option<&Deviation>, name: Option<&str>, config: &Config) -> Result<(), CheckRefusal> {
+/// [`CheckRefusal::Model`], [`CheckRefusal::BaseTurned`], [`CheckRefusal::BaseNotTurned`],
+/// [`CheckRefusal::AnotherBase`].
+pub fn model(
+    dh: Option<&DhParameters>,
+    deviation: Option<&Deviation>,
+    name: Option<&str>,
+    config: &Config,
+) -> Result<(), CheckRefusal> {
     let Some(off) = deviation.filter(|off| !(off.most_mm <= ANOTHER_ARM_MM)) else { return Ok(()) };
+    let fitting = dh.and_then(|dh| fitting_base(dh, config, ANOTHER_ARM_MM));
+    let base = config.robot().chain.ends().0.to_owned();
     if !(off.turned_mm <= ANOTHER_ARM_MM) {
+        if let Some(fits) = fitting {
+            let (link, turned) = (fits.link, fits.turned);
+            return Err(CheckRefusal::AnotherBase { base, link, turned, apart_mm: off.most_mm });
+        }
         let name = name.unwrap_or("one that foretrace does not know").to_owned();
         return Err(CheckRefusal::Model { apart_mm: off.most_mm, name });
     }
-    let base = config.robot().chain.ends().0.to_owned();
     if config.settings().robot.ur.base_turned {
         return Err(CheckRefusal::BaseNotTurned { base });
     }
-    let instead = config.robot().turned_base().map_or_else(
-        || "; the description has no link in the controller's frame, so they cannot be as the pendant shows them".to_owned(),
+    let inside = fitting.filter(|fits| !fits.turned).map(|fits| fits.link);
+    let instead = inside.map_or_else(
+        || {
+            "; no link that is fixed to it stands as the controller's frame, so they cannot be as the pendant \
+             shows them"
+                .to_owned()
+        },
         |link| format!("; if they are as the pendant shows them, write `base_link = \"{link}\"` under [robot]"),
     );
     Err(CheckRefusal::BaseTurned { base, instead })
@@ -317,7 +353,7 @@ mod tests {
     fn a_model_of_another_arm_is_refused() {
         let off = |most_mm| Deviation { most_mm, uneven_mm: 0.0, height_mm: 0.0, turned_mm: 900.0 };
         let config = Config::preset("ur5").unwrap();
-        let judged = |off: Option<&Deviation>, name| model(off, name, &config);
+        let judged = |off: Option<&Deviation>, name| model(None, off, name, &config);
         assert_eq!(judged(Some(&off(29.0)), Some("a UR5")), Ok(()));
         assert_eq!(judged(None, None), Ok(()));
         for most_mm in [31.0, f64::NAN] {

@@ -11,8 +11,9 @@ use foretrace_client::JOINTS;
 use foretrace_config::Config;
 use foretrace_control::arm::Chain;
 use foretrace_control::ik::{ToolTarget, solve_pose};
-use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use serde::Serialize;
+use std::f64::consts::PI;
 
 /// Denavit-Hartenberg parameters (standard convention): T_i = Rz(q + θ) Tz(d) Tx(a) Rx(α).
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -166,47 +167,120 @@ pub struct Deviation {
 
 /// How far the tip of an arm with kinematics `dh` is from where the model of `config` believes it, over the
 /// writing plane, from corner to corner; `None` where the model reaches no point of the paper. The
-/// controller's base frame is the model's, or turned as `robot.ur.base_turned` says.
+/// controller's base frame is the model's, or turned as `robot.ur.base_turned` says. Its flange is that link
+/// at the end of the model that is nearest to it: the tool may be fixed to it as links of the description.
 #[must_use]
 pub fn deviation(dh: &DhParameters, config: &Config) -> Option<Deviation> {
-    let (robot, settings) = (config.robot(), config.settings());
-    let rotation = settings.plane.rotation();
-    let (origin, normal) = (Vector3::from(settings.plane.origin_m), rotation * Vector3::z());
-    let tool = Vector3::from(settings.robot.tool_m);
-    let [[x_min, x_max], [y_min, y_max], _] = settings.plane.workspace_m;
-    let (mut off, mut turned) = (Vec::new(), Vec::new());
-    for i in 0..5 {
-        for j in 0..5 {
-            let (u, v) = (f64::from(i) / 4.0, f64::from(j) / 4.0);
-            let at = Vector3::new(x_min + u * (x_max - x_min), y_min + v * (y_max - y_min), 0.0);
-            let target = ToolTarget::at_rest(origin + rotation * at, -normal, None);
-            let Some(q) = solve_pose(&robot.chain, &robot.home, &target) else { continue };
-            let flange = dh.flange(&q);
-            let tip = flange.translation.vector + flange.rotation * tool;
-            let believed = robot.chain.forward(&q).position;
-            let (straight, half_turn) = (tip - believed, half_turned(&tip) - believed);
-            off.push(if settings.robot.ur.base_turned { half_turn } else { straight });
-            turned.push(if settings.robot.ur.base_turned { straight } else { half_turn });
-        }
-    }
-    let count = off.len();
-    if count == 0 {
-        return None;
-    }
-    let mean = off.iter().sum::<Vector3<f64>>() / count as f64;
+    let over = OverPaper::of(dh, config)?;
+    let (same, turned) = (Isometry3::identity(), half_turn());
+    let (said, other) =
+        if config.settings().robot.ur.base_turned { (&turned, &same) } else { (&same, &turned) };
+    let (_, off) = over.nearest(said);
+    let mean = off.iter().sum::<Vector3<f64>>() / off.len().max(1) as f64;
+    let normal = config.settings().plane.rotation() * Vector3::z();
     let most = |size: &dyn Fn(&Vector3<f64>) -> f64| 1e3 * off.iter().map(size).fold(0.0, f64::max);
-    let turned_mm = 1e3 * turned.iter().map(|off| off.norm()).fold(0.0, f64::max);
     Some(Deviation {
         most_mm: most(&|off| off.norm()),
         uneven_mm: most(&|off| (off - mean).norm()),
         height_mm: most(&|off| normal.dot(&(off - mean)).abs()),
-        turned_mm,
+        turned_mm: 1e3 * farthest(&over.nearest(other).1),
     })
 }
 
-/// Turned by 180 degrees about z.
-fn half_turned(point: &Vector3<f64>) -> Vector3<f64> {
-    Vector3::new(-point.x, -point.y, point.z)
+/// The base link that fits an arm, and what `robot.ur.base_turned` then is.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct FittingBase {
+    /// Name of the link.
+    pub link: String,
+    /// Its frame is turned by 180 degrees about z against the controller's.
+    pub turned: bool,
+}
+
+/// A link of the model, fixed to its base but not that itself, whose frame brings the tip to within `most_mm`
+/// of where an arm with kinematics `dh` has it: one that stands as the controller's frame rather than one
+/// that is turned against it. `None` where there is none.
+#[must_use]
+pub fn fitting_base(dh: &DhParameters, config: &Config, most_mm: f64) -> Option<FittingBase> {
+    let over = OverPaper::of(dh, config)?;
+    let chain = &config.robot().chain;
+    let (base, _) = chain.ends();
+    let others = chain.still_links().iter().filter(|link| link.name != base);
+    let places = others.map(|link| {
+        let turn = Rotation3::from_matrix_unchecked(link.rotation);
+        let turn = UnitQuaternion::from_rotation_matrix(&turn);
+        (link.name.clone(), Isometry3::from_parts(link.translation.into(), turn))
+    });
+    let places: Vec<(String, Isometry3<f64>)> = places.collect();
+    [false, true].into_iter().find_map(|turned| {
+        let fits = places.iter().find(|(_, place)| {
+            let controller = if turned { place * half_turn() } else { *place };
+            1e3 * farthest(&over.nearest(&controller).1) <= most_mm
+        });
+        fits.map(|(link, _)| FittingBase { link: link.clone(), turned })
+    })
+}
+
+/// Where the tip of the tool is, seen from the flange of an arm with kinematics `dh` \[m\]: from that link at
+/// the end of the model of `config` that is nearest to it. `None` where the model is off by more than
+/// `most_mm`, or reaches no point of the paper.
+#[must_use]
+pub fn tool_from_flange(dh: &DhParameters, config: &Config, most_mm: f64) -> Option<[f64; 3]> {
+    let over = OverPaper::of(dh, config)?;
+    let said = if config.settings().robot.ur.base_turned { half_turn() } else { Isometry3::identity() };
+    let (tool, off) = over.nearest(&said);
+    (1e3 * farthest(&off) <= most_mm).then(|| tool.into())
+}
+
+/// An arm and its model in postures over the paper.
+struct OverPaper {
+    /// The arm's flange in the controller's base frame, and the model's tip in its own \[m\].
+    postures: Vec<(Isometry3<f64>, Vector3<f64>)>,
+    /// Where the model's tip may be, seen from the flange: the link that the settings name comes first \[m\].
+    tools: Vec<Vector3<f64>>,
+}
+
+impl OverPaper {
+    fn of(dh: &DhParameters, config: &Config) -> Option<Self> {
+        let (robot, settings) = (config.robot(), config.settings());
+        let rotation = settings.plane.rotation();
+        let (origin, normal) = (Vector3::from(settings.plane.origin_m), rotation * Vector3::z());
+        let [[x_min, x_max], [y_min, y_max], _] = settings.plane.workspace_m;
+        let mut postures = Vec::new();
+        for i in 0..5 {
+            for j in 0..5 {
+                let (u, v) = (f64::from(i) / 4.0, f64::from(j) / 4.0);
+                let at = Vector3::new(x_min + u * (x_max - x_min), y_min + v * (y_max - y_min), 0.0);
+                let target = ToolTarget::at_rest(origin + rotation * at, -normal, None);
+                let Some(q) = solve_pose(&robot.chain, &robot.home, &target) else { continue };
+                postures.push((dh.flange(&q), robot.chain.forward(&q).position));
+            }
+        }
+        let said = Vector3::from(settings.robot.tool_m);
+        let tools = [said].into_iter().chain(robot.chain.tool_from_links().map(|(_, tool)| tool)).collect();
+        (!postures.is_empty()).then_some(Self { postures, tools })
+    }
+
+    /// The tool with which the tips are nearest to each other where the controller's base frame stands at
+    /// `base` in the model's, and how far they are then in each posture \[m\].
+    fn nearest(&self, base: &Isometry3<f64>) -> (Vector3<f64>, Vec<Vector3<f64>>) {
+        let off = |tool: &Vector3<f64>| {
+            let tip = |flange: &Isometry3<f64>| (base * flange * Point3::from(*tool)).coords;
+            self.postures.iter().map(|(flange, believed)| tip(flange) - believed).collect::<Vec<_>>()
+        };
+        let all = self.tools.iter().map(|tool| (*tool, off(tool)));
+        let nearest = all.min_by(|(_, a), (_, b)| farthest(a).total_cmp(&farthest(b)));
+        nearest.unwrap_or((Vector3::zeros(), Vec::new()))
+    }
+}
+
+/// The longest of these; NaN where one is no number.
+fn farthest(off: &[Vector3<f64>]) -> f64 {
+    off.iter().map(Vector3::norm).fold(0.0, |most, one| if one <= most { most } else { one })
+}
+
+/// By 180 degrees about z.
+fn half_turn() -> Isometry3<f64> {
+    Isometry3::rotation(Vector3::z() * PI)
 }
 
 #[cfg(test)]

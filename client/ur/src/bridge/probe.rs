@@ -146,7 +146,7 @@ impl Found {
         let mut wrong = check::installation(&self.installation, settings, position, loopback);
         wrong.extend(check::rate(self.series, settings.robot.controller_rate_hz).err());
         let deviation = self.deviation(config);
-        wrong.extend(check::model(deviation.as_ref(), self.arm(), config).err());
+        wrong.extend(check::model(self.dh.as_ref(), deviation.as_ref(), self.arm(), config).err());
         if wrong.is_empty() { Ok(deviation) } else { Err(wrong) }
     }
 

@@ -29,6 +29,8 @@ pub struct Chain<const J: usize> {
     bodies: Bodies,
     inertias: Result<[Inertia; J], DynamicsError>,
     still: Vec<StillLink>,
+    /// In the last joint's frame.
+    wrist: Vec<StillLink>,
     base: String,
     tip: String,
 }
@@ -131,6 +133,11 @@ impl<const J: usize> Chain<J> {
             return Err(ChainError::Count { found: count, expected: J, base, tip });
         }
         let flange = turned.transpose() * found.tip_translation;
+        let mut wrist = found.wrist;
+        for link in &mut wrist {
+            link.rotation = turned.transpose() * link.rotation;
+            link.translation = turned.transpose() * link.translation;
+        }
         Ok(Self {
             links,
             tip_rotation: turned.transpose() * found.tip_rotation,
@@ -140,6 +147,7 @@ impl<const J: usize> Chain<J> {
             bodies,
             inertias: unweighed.map_or(Ok(masses), Err),
             still: found.still,
+            wrist,
             base: found.base,
             tip: found.tip,
         })
@@ -165,11 +173,18 @@ impl<const J: usize> Chain<J> {
         (&self.base, &self.tip)
     }
 
-    /// The base link and those between it and the first moving joint, in the order of the chain: any of them
-    /// can be the base.
+    /// The base link, and all links that do not move against it: any of them can be the base.
     #[must_use]
     pub fn still_links(&self) -> &[StillLink] {
         &self.still
+    }
+
+    /// Where the tip of the tool is, seen from each link that does not move against it \[m\]: any of them can
+    /// be the tip link.
+    pub fn tool_from_links(&self) -> impl Iterator<Item = (&str, Vector3<f64>)> {
+        let tip = self.tip_translation;
+        let seen = move |link: &StillLink| link.rotation.tr_mul(&(tip - link.translation));
+        self.wrist.iter().map(move |link| (link.name.as_str(), seen(link)))
     }
 
     /// Shapes of the links, base first, each in the frame of its joint, whose z is the joint's axis (see
@@ -189,8 +204,13 @@ impl<const J: usize> Chain<J> {
     ///
     /// # Errors
     ///
-    /// A moving link without mass, inertials that no body has, or such a payload.
+    /// A moving link without mass, inertials that no body has, or such a payload; a joint whose effort limit
+    /// is 0, which descriptions write where it is not known.
     pub fn dynamics(&self, payload: &Payload) -> Result<Dynamics<J>, DynamicsError> {
+        let mut efforts = self.limits.names.iter().zip(&self.limits.effort);
+        if let Some((joint, _)) = efforts.find(|(_, effort)| !(**effort > 0.0)) {
+            return Err(DynamicsError::Effort { joint: joint.clone() });
+        }
         let bodies = self.inertias.clone()?;
         let tip = (&self.tip_rotation, &self.flange);
         Dynamics::new(self.links, bodies, &self.limits.names, tip, payload)

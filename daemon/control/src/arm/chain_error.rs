@@ -18,6 +18,9 @@ pub struct Part {
 
 impl fmt::Display for Part {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.name.is_empty() {
+            return write!(f, "without a name that can be used (line {})", self.line);
+        }
         write!(f, "`{:.LONGEST_NAME$}` (line {})", self.name, self.line)
     }
 }
@@ -35,11 +38,14 @@ pub enum ChainError {
     },
     /// Larger than anything that describes an arm.
     #[error(
-        "the robot description has {found} {what}, {most} are the most that are read: name that of one arm"
+        "the robot description has {found} {what}{}, {most} are the most that are read: name that of one arm",
+        line.map_or_else(String::new, |line| format!(" (line {line})"))
     )]
     Bound {
         /// What is counted, as in the message.
         what: &'static str,
+        /// Where counting stopped, from 1; `None` for the file as a whole.
+        line: Option<usize>,
         /// How many there are; where it stopped counting, at least.
         found: usize,
         /// How many there may be.
@@ -69,11 +75,26 @@ pub enum ChainError {
         /// Message of the parser.
         reason: String,
     },
-    /// Two links of the chain have the same name.
-    #[error("link {link} stands there again in line {again}: give each link a name of its own")]
+    /// A joint leads to a link that the description has not.
+    #[error(
+        "joint {joint} names link `{link:.LONGEST_NAME$}`, which is not there{hint}: correct the name, in which \
+         capitals and spaces count, or remove the joint"
+    )]
+    NoLink {
+        /// Joint at fault, with its line.
+        joint: Part,
+        /// Name of its parent or child.
+        link: String,
+        /// Which links could not be taken, for the message.
+        hint: String,
+    },
+    /// Two links, or two joints, of the chain have the same name.
+    #[error("{kind} {part} stands there again in line {again}: give each {kind} a name of its own")]
     Twice {
+        /// In the message: "joint" or "link".
+        kind: &'static str,
         /// The first of them.
-        link: Part,
+        part: Part,
         /// Line of the second.
         again: usize,
     },
@@ -111,7 +132,7 @@ pub enum ChainError {
         link: Part,
     },
     /// The tip is not below the base.
-    #[error("link `{tip}` is not below link `{base}`{from}")]
+    #[error("link `{tip}` is not below link `{base}`, or a link that is fixed to it{from}")]
     Disconnected {
         /// Name of the link where the chain begins.
         base: String,

@@ -9,7 +9,7 @@
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use urdf_rs::{Joint, JointType, Robot};
 
-use crate::arm::bodies::{Bodies, bodies, poses};
+use crate::arm::bodies::{Bodies, LinkPose, bodies, poses, still};
 use crate::arm::chain_error::{ChainError, LONGEST_NAME};
 use crate::arm::description::Description;
 use crate::arm::dynamics::{DynamicsError, Inertia, inertias};
@@ -45,22 +45,33 @@ pub(super) struct Segments {
     pub(super) tip_translation: Vector3<f64>,
     pub(super) base: String,
     pub(super) tip: String,
-    /// The base and the links after it that do not move against it.
+    /// The base and all links that do not move against it.
     pub(super) still: Vec<StillLink>,
+    /// The links that do not move against the last joint, in its frame.
+    pub(super) wrist: Vec<StillLink>,
     pub(super) bodies: Bodies,
     /// What moves with each joint; a description with wrong inertials can still be followed.
     pub(super) inertias: Result<Vec<Inertia>, DynamicsError>,
 }
 
-/// A link before the first moving joint of a chain.
+/// A link that does not move against the base, or against the last joint.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StillLink {
     /// Name of the link in the description.
     pub name: String,
-    /// Its frame → base frame (3 x 3).
+    /// Its frame → that of the base or joint (3 x 3).
     pub rotation: Matrix3<f64>,
-    /// Its origin in the base frame \[m\].
+    /// Its origin in that frame \[m\].
     pub translation: Vector3<f64>,
+    /// It hangs below the base, or is it, by parents and children; not where the base hangs below it.
+    pub below: bool,
+}
+
+impl StillLink {
+    fn of(pose: &LinkPose<'_>) -> Option<Self> {
+        let (rotation, translation) = pose.place.clone().ok()?;
+        Some(Self { name: pose.name.to_owned(), rotation, translation, below: pose.below })
+    }
 }
 
 /// Reads the chain from `base` (default: the only root) to `tip` (default: the only leaf).
@@ -71,30 +82,36 @@ pub(super) fn segments(text: &str, base: Option<&str>, tip: Option<&str>) -> Res
         Some(name) => known_link(robot, name)?,
         None => only_root(robot)?,
     };
-    let path = match tip {
-        Some(name) => path_up(&description, &base, &known_link(robot, name)?)?,
-        None => path_down(&description, &base)?,
+    let fixed = still(&description, &base)?;
+    let (path, tip) = match tip {
+        Some(name) => {
+            let tip = known_link(robot, name)?;
+            (path_up(&description, &base, &fixed, &tip)?, tip)
+        }
+        None => {
+            let path = path_down(&description, &base)?;
+            let tip = path.last().map_or_else(|| base.clone(), |joint| joint.child.link.clone());
+            let at_base = |joint: &&Joint| fixed.iter().any(|pose| pose.name == joint.child.link);
+            (path.into_iter().skip_while(at_base).collect(), tip)
+        }
     };
-    let tip = path.last().map_or_else(|| base.clone(), |j| j.child.link.clone());
-
-    let poses = poses(&description, &base, &path)?;
-    let before = path.iter().take_while(|joint| joint.joint_type == JointType::Fixed).count();
-    let still = poses.iter().take(before + 1).map(|pose| StillLink {
-        name: pose.name.to_owned(),
-        rotation: pose.rotation,
-        translation: pose.translation,
-    });
-    let still = still.collect();
-    let bodies = bodies(&description, &poses)?;
+    // Where the path leaves what is fixed to the base.
+    let foot = path.first().map_or(&tip, |joint| &joint.parent.link);
+    let foot = fixed.iter().find(|pose| pose.name == foot).map(|pose| pose.place.clone());
+    let (mut rotation, mut translation) = foot.unwrap_or(Ok((Matrix3::identity(), Vector3::zeros())))?;
+    let poses = poses(&description, fixed, &path)?;
     let moving_joints = path.iter().filter(|joint| joint.joint_type != JointType::Fixed).count();
+    let at = |link: usize| poses.iter().filter(move |pose| pose.link == link).filter_map(StillLink::of);
+    let (still, wrist) = (at(0).collect(), at(moving_joints).collect());
+    let bodies = bodies(&description, &poses)?;
     let inertias = inertias(&description, &poses, moving_joints);
-    let mut segments = Vec::new();
-    let (mut rotation, mut translation) = (Matrix3::identity(), Vector3::zeros());
+    let mut segments: Vec<UrdfJoint> = Vec::new();
     for joint in path {
         let (r, t) = origin(&description, joint)?;
         translation += rotation * t;
         rotation *= r;
         if let Some(position) = moving(&description, joint)? {
+            description.alone(joint, segments.iter().map(|joint| &joint.name))?;
             segments.push(segment(&description, joint, position, rotation, translation)?);
             (rotation, translation) = (Matrix3::identity(), Vector3::zeros());
         }
@@ -106,6 +123,7 @@ pub(super) fn segments(text: &str, base: Option<&str>, tip: Option<&str>) -> Res
         base,
         tip,
         still,
+        wrist,
         bodies,
         inertias,
     })
@@ -139,12 +157,18 @@ fn only_root(robot: &Robot) -> Result<String, ChainError> {
     }
 }
 
-/// Joints from `base` to `tip`, found by walking up: side branches (a gripper) do not matter.
-fn path_up<'a>(description: &'a Description, base: &str, tip: &str) -> Result<Vec<&'a Joint>, ChainError> {
+/// Joints to `tip` from a link that is `fixed` to `base`, found by walking up: side branches (a gripper) do
+/// not matter.
+fn path_up<'a>(
+    description: &'a Description,
+    base: &str,
+    fixed: &[LinkPose<'_>],
+    tip: &str,
+) -> Result<Vec<&'a Joint>, ChainError> {
     let robot = &description.robot;
     let mut path = Vec::new();
     let mut link = tip;
-    while link != base {
+    while !fixed.iter().any(|pose| pose.name == link) {
         let mut parents = robot.joints.iter().filter(|j| j.child.link == link);
         let Some(joint) = parents.next() else {
             let from = format!("; the way up from there ends at link {}", description.link_part(link));
@@ -153,6 +177,7 @@ fn path_up<'a>(description: &'a Description, base: &str, tip: &str) -> Result<Ve
         if parents.next().is_some() || path.len() >= robot.joints.len() {
             return Err(ChainError::Loop { link: description.link_part(link) });
         }
+        description.ends(joint)?;
         path.push(joint);
         link = &joint.parent.link;
     }
@@ -170,6 +195,7 @@ fn path_down<'a>(description: &'a Description, base: &str) -> Result<Vec<&'a Joi
         match children.as_slice() {
             [] => return Ok(path),
             [joint] if path.len() < robot.joints.len() => {
+                description.ends(joint)?;
                 path.push(joint);
                 link = &joint.child.link;
             }

@@ -46,6 +46,7 @@ pub fn gather(
             } else {
                 Port::Strange("no robot state came".to_owned())
             };
+            facts.dh = measures.dh;
             facts.deviation = measures.dh.and_then(|dh| deviation(&dh, config));
             // The dashboard calls a UR5e a UR5; its measures do not.
             let measured = measures.dh.and_then(|dh| dh.name()).map(str::to_owned);

@@ -305,7 +305,7 @@ fn calibration(facts: &Facts, config: &Config) -> Finding {
     const NAME: &str = "calibration";
     let fix = "foretrace calibrate kinematics --robot HOST writes the arm's own measures";
     let deviation = facts.deviation.as_ref();
-    if let Err(refusal) = check::model(deviation, facts.arm.as_deref(), config) {
+    if let Err(refusal) = check::model(facts.dh.as_ref(), deviation, facts.arm.as_deref(), config) {
         let value = match refusal {
             check::CheckRefusal::Model { .. } => "the model is of another arm",
             _ => "the model's base frame is not the one that the settings say",

@@ -12,7 +12,7 @@ use foretrace_config::Config;
 use serde::Serialize;
 
 use super::check::{Installation, Version};
-use super::kinematics::Deviation;
+use super::kinematics::{Deviation, DhParameters};
 
 /// Everything that was found out; `None` where it was not.
 #[derive(Debug, Clone, Default)]
@@ -39,6 +39,8 @@ pub struct Facts {
     pub timing: Option<Timing>,
     /// How far the tip is from where the settings believe it.
     pub deviation: Option<Deviation>,
+    /// The arm's own kinematics.
+    pub dh: Option<DhParameters>,
 }
 
 /// What became of the attempt to use a port.

@@ -44,9 +44,16 @@ fn what_is_not_used_never_refuses_an_arm_and_changes_nothing() {
         "<link name=\"finger\"/><joint name=\"grip\" type=\"revolute\"><parent link=\"l2\"/><child link=\"finger\"/><mimic joint=\"other\" multiplier=\"x\" offset=\"\"/><axis/><origin xyz=\"1\"/></joint>",
         "<link name=\"finger\"/><joint name=\"grip\" type=\"unheard_of\"><parent link=\"l2\"/><child link=\"finger\"/></joint>",
         "<link name=\"finger\"/><link name=\"finger\"/><joint name=\"grip\" type=\"continuous\"><parent link=\"l2\"/><child link=\"finger\"/></joint>",
+        "<link name=\"a\u{1b}[31m\"/><joint name=\"\u{fffe}\" type=\"continuous\"><parent link=\"&#27;\"/><child link=\"b\"/></joint>",
+        "<link/><link name=\"\"/><link name=\"a&deg;\"/><link name=\"a\" name=\"b\"/><link name=c/>",
+        "<link name=\"eye\"/><joint type=\"fixed\"><parent link=\"l2\"/><child link=\"eye\"/></joint>",
+        "<link name=\"eye\"/><joint name=\"on\" type=\"fixed\"><child link=\"eye\"/></joint>",
+        "<link name=\"eye\"/><joint name=\"on\" type=\"fixed\"><parent link=\"l2\"/><child link=\"eye\"/><origin xyz=\"0 &deg; 0\"/></joint>",
+        "<link name=\"lid\"><collision><geometry><box size=\"1 1\u{1}\"/></geometry></collision></link><joint name=\"by\" type=\"revolute\"><child link=\"lid\"/></joint>",
         "<loop_joint name=\"x\" type=\"spherical\"><link1 link=\"l1\"/></loop_joint>",
     ];
-    for unused in unused_in_root {
+    let long = format!("<link name=\"{}\"/>", "n".repeat(1500));
+    for unused in unused_in_root.into_iter().chain([long.as_str()]) {
         let found = chain(&arm(unused, "", "")).unwrap_or_else(|why| panic!("{unused}: {why}"));
         assert_eq!(found, plain, "{unused}");
     }
@@ -113,7 +120,7 @@ fn what_is_used_and_wrong_names_the_joint_or_link_and_its_line() {
         ("lower=\"-1\"", "lower=\"1\"", ["joint `j1` (line 6)", "upper position limit", "lower < upper"]),
         ("type=\"revolute\"", "type=\"hinge\"", ["joint `j1` (line 6)", "cannot be read", "hinge"]),
         ("type=\"revolute\"", "type=\"prismatic\"", ["joint `j1` (line 6)", "prismatic", "followed"]),
-        ("<parent link=\"base\"/>", "", ["line 6: joint `j1`", "has no <parent", "URDF"]),
+        ("<parent link=\"base\"/>", "", ["joint `j1` (line 6)", "has no <parent", "URDF"]),
         ("<sphere radius=\"0.1\"/>", "<sphere/>", ["link `l2` (line 5)", "cannot be read", "radius"]),
         (
             "<sphere radius=\"0.1\"/>",
@@ -134,8 +141,15 @@ fn what_is_used_and_wrong_names_the_joint_or_link_and_its_line() {
     // A camera that is fixed to the arm belongs to it.
     let camera = "<link name=\"eye\"><collision/></link>\n<joint name=\"on\" type=\"fixed\"><parent link=\"l2\"/><child link=\"eye\"/></joint>";
     says(&arm(camera, "", ""), &["link `eye` (line 8)", "geometry"]);
-    let place = camera.replace("<collision/>", "").replace("</joint>", "<origin xyz=\"\"/></joint>");
+    let ball = "<collision><geometry><sphere radius=\"1\"/></geometry></collision>";
+    let place = camera.replace("<collision/>", ball).replace("</joint>", "<origin xyz=\"\"/></joint>");
     says(&arm(&place, "", ""), &["joint `on` (line 9)", "cannot be read"]);
+    // The line of the attribute, where it is not that of the link or joint.
+    let far = "\n\n<collision><geometry><sphere radius=\"&deg;\"/></geometry></collision>";
+    says(&arm("", far, ""), &["link `l1` (line 4)", "line 6: <sphere radius>"]);
+    let escape = arm("", "", "").replacen("name=\"j1\"", "name=\"j\u{1b}1\"", 1);
+    says(&escape, &["joint without a name that can be used (line 6)", "<joint name>: U+001B"]);
+    assert!(!chain(&escape).unwrap_err().contains('\u{1b}'));
 }
 
 #[test]
@@ -160,7 +174,7 @@ fn meshes_are_no_shapes_and_their_files_are_not_looked_at() {
     let why = crate::arm::description(&arm("", "<collision><geometry><mesh/></geometry></collision>", ""));
     let why = why.map(|_| ()).unwrap_err().to_string();
     assert!(why.contains("link `l1` (line 4)") && why.contains("filename"), "{why}");
-    let shown = "<visual><geometry><mesh filename=\"a.stl\"/></geometry><material/><material/></visual>";
+    let shown = "<visual/><visual><origin xyz=\"0 0\"/></visual><visual><geometry><mesh filename=\"a.stl\"/></geometry><material/><material/></visual>";
     let robot = crate::arm::description(&arm("<material/>", shown, "")).unwrap();
     assert_eq!(robot.links[1].visual.len(), 1);
     // Where a link has collision geometry its visuals are not used, whatever they are.
@@ -209,6 +223,19 @@ fn a_file_of_macros_is_recognised_where_xacro_itself_would_act() {
     ] {
         let why = chain(&arm(root, "", "")).unwrap_err();
         assert!(why.contains("xacro FILE > robot.urdf") && why.contains(&format!("line {line})")), "{why}");
+    }
+    // Under any prefix that is bound to its namespace, where it is bound.
+    for (root, refused) in [
+        ("<x:include xmlns:x=\"http://www.ros.org/wiki/xacro\" filename=\"a\"/>", true),
+        ("<a xmlns:x=\"http://ros.org/wiki/xacro/\"><b><x:if value=\"1\"/></b></a>", true),
+        ("<include xmlns=\"http://wiki.ros.org/xacro\" filename=\"a\"/>", true),
+        ("<a xmlns:x=\"http://www.ros.org/wiki/xacro\"/><x:if value=\"1\"/>", false),
+        ("<a xmlns:x=\"http://www.ros.org/wiki/xacro\"><x:if xmlns:x=\"http://a.org/b\"/></a>", false),
+        ("<a xmlns:x=\"http://www.ros.org/wiki/xacro\"><xx:if/><if/></a>", false),
+    ] {
+        let found = chain(&arm(root, "", ""));
+        assert_eq!(found.is_err(), refused, "{root}");
+        assert!(found.err().is_none_or(|why| why.contains("xacro FILE > robot.urdf")), "{root}");
     }
 }
 

@@ -19,7 +19,7 @@ fn a_description_beyond_a_bound_is_refused_before_it_is_read() {
     for depth in [DEEPEST, 20_000, 60_000, 300_000] {
         let unnamed = nested(depth).replacen("<link>", "<gazebo>", 1);
         let refusal = refusal(&unnamed);
-        assert!(refusal.contains("65 elements inside each other, 64 are the most"), "{refusal}");
+        assert!(refusal.contains("65 elements inside each other (line 1), 64 are the most"), "{refusal}");
     }
     let open = "<a b='</a>'><!-- </a> --><![CDATA[</a>]]>".repeat(1000);
     let refused = refusal(&format!("<robot>{open}"));
@@ -28,10 +28,14 @@ fn a_description_beyond_a_bound_is_refused_before_it_is_read() {
     assert!(refusal(&tiny).contains("40000015 bytes, 4194304 are the most"), "{}", refusal(&tiny));
     let links: String = (0..30_000).map(|n| format!("<link name='{n}'/>")).collect();
     let refused = refusal(&format!("<robot>{links}</robot>"));
-    assert!(refused.contains("20001 elements, 20000 are the most"), "{refused}");
+    assert!(refused.contains("20001 elements (line 1), 20000 are the most"), "{refused}");
+    let deep = format!("<robot>\n\n{}", "<a>".repeat(DEEPEST));
+    assert!(refusal(&deep).contains("(line 3)"), "{}", refusal(&deep));
+    // An attribute that is too long counts where it is used.
     let long = |bytes| format!("<robot><link name=\"{}\"/></robot>", "[".repeat(bytes));
-    assert!(refusal(&long(1001)).contains("1001 bytes in one attribute, 1000 are the most"));
-    assert!(document(&long(1000), false).is_ok());
+    let refused = description(&long(1001)).map(|_| ()).unwrap_err().to_string();
+    assert!(refused.contains("1001 bytes in one attribute, 1000 are the most"), "{refused}");
+    assert!(description(&long(1000)).is_ok());
 }
 
 /// Nothing that is not used is copied, counted or looked into: it ends in time whatever it is.
@@ -70,11 +74,18 @@ fn text_that_is_no_urdf_names_the_line_and_what_is_wrong() {
         ("<robot name='a'>\n<link name='b'>\n", 3, "2 elements open"),
         ("<robot>\n<link name='b'>\n</joint></robot>", 3, "link"),
         ("<robot>\n\n<link/></robot>", 3, "a <link> has no name"),
-        ("<robot>\n<link name='a' name='b'/></robot>", 2, "has name twice"),
+        ("<robot>\n<link name='a' name='b'/></robot>", 2, "<link name>: it stands there twice"),
+        ("<robot>\n<link name='a\u{1b}b'/></robot>", 2, "U+001B is a character that XML forbids"),
+        ("<robot>\n<link name='a&#27;b'/></robot>", 2, "U+001B is a character that XML forbids"),
+        ("<robot>\n<link name='\u{fffe}'/></robot>", 2, "U+FFFE is a character that XML forbids"),
+        ("<!--a\n\n--><robot version='x&#0;'><link name='a'/></robot>", 3, "<robot version>"),
+        ("<!--\r\r-->\r<robot>\r<link/></robot>", 5, "a <link> has no name"),
+        ("<!--\r\n-->\r\n<robot>\r<link/></robot>", 4, "a <link> has no name"),
+        ("version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 9\n", 1, "pointer of Git LFS"),
         ("<robot>\n<link name='&mine;'/></robot>", 2, "<link name>"),
         ("<robot>\n<link name=b/></robot>", 2, "<link>"),
     ] {
-        let why = document(text, false).map(|_| ()).unwrap_err().to_string();
+        let why = description(text).map(|_| ()).unwrap_err().to_string();
         assert!(why.contains(&format!("line {line}: ")) && why.contains(words), "{text}: {why}");
     }
 }

@@ -21,6 +21,15 @@ pub enum DynamicsError {
         /// Name of the joint in the description.
         joint: String,
     },
+    /// A joint has no torque, or the description does not say how much.
+    #[error(
+        "the effort limit of joint `{joint}` is 0 or missing, so nobody knows what it can hold; write <limit \
+         effort> in Nm, from its data sheet"
+    )]
+    Effort {
+        /// Name of the joint in the description.
+        joint: String,
+    },
     /// A mass below 0, a tensor that no body has, or a number that is not finite.
     #[error(
         "link {link}: its <inertial> is not that of a body: {what}; correct the description, or remove it"
@@ -126,7 +135,14 @@ pub(in crate::arm) fn inertias(
             .inertial(link)
             .and_then(|read| inertial(&read).map_err(str::to_owned))
             .map_err(|what| DynamicsError::Inertial { link: description.link_part(pose.name), what })?;
-        *body = body.plus(&own.seen_from(&pose.rotation, &pose.translation));
+        if own == Inertia::none() {
+            continue;
+        }
+        let (rotation, translation) = pose.place.clone().map_err(|error| DynamicsError::Inertial {
+            link: description.link_part(pose.name),
+            what: format!("where it stands is not known ({error})"),
+        })?;
+        *body = body.plus(&own.seen_from(&rotation, &translation));
     }
     Ok(bodies)
 }

@@ -29,6 +29,7 @@ fn facts() -> Facts {
             late_ms: [0.1, 0.4, 1.0],
             round_trips: vec![0, 1240, 9, 0, 0, 0, 0],
         }),
+        dh: None,
         deviation: Some(Deviation { most_mm: 0.1, uneven_mm: 0.1, height_mm: 0.0, turned_mm: 900.0 }),
     }
 }
