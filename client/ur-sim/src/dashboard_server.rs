@@ -4,7 +4,6 @@
 //! expects. PolyScope's files do not exist here: nothing can be loaded, and no report is made.
 
 use super::options::{MODEL, Series};
-use super::safety::RobotMode;
 use super::world::{Runtime, World};
 use foretrace_ur::dashboard::SIMULATED;
 use foretrace_ur::primary::MessageContent;
@@ -52,10 +51,8 @@ pub fn answer(world: &mut World, command: &str) -> DashboardReply {
         return DashboardReply::Line(failed());
     }
     let runtime = world.runtime();
-    let name = match world.program_name() {
-        "" => "<unnamed>".to_owned(),
-        name => format!("{name}.urp"),
-    };
+    // Of the program that is loaded on the pendant, which none can be: those of sockets are not.
+    let name = "<unnamed>";
     DashboardReply::Line(match command {
         "quit" => return DashboardReply::Last("Disconnected".to_owned()),
         "shutdown" => {
@@ -71,8 +68,7 @@ pub fn answer(world: &mut World, command: &str) -> DashboardReply {
             Runtime::Pausing | Runtime::Paused => format!("PAUSED {name}"),
             Runtime::Playing | Runtime::Resuming => format!("PLAYING {name}"),
         },
-        "get loaded program" if world.program_name().is_empty() => "No program loaded".to_owned(),
-        "get loaded program" => format!("Loaded program: /programs/{name}"),
+        "get loaded program" => "No program loaded".to_owned(),
         "isProgramSaved" => format!("true {name}"),
         "PolyscopeVersion" => format!("URSoftware {version} {SIMULATED}"),
         "version" => version.to_string(),
@@ -96,17 +92,11 @@ pub fn answer(world: &mut World, command: &str) -> DashboardReply {
             world.power_off();
             "Powering off".to_owned()
         }
-        "brake release" => {
-            if world.robot.mode == RobotMode::PowerOff {
-                return DashboardReply::Line(failed());
-            }
-            world.brake_release();
-            "Brake releasing".to_owned()
-        }
+        "brake release" if world.brake_release() => "Brake releasing".to_owned(),
         "play" if world.play() => "Starting program".to_owned(),
         "stop" if world.stop_all() => "Stopped".to_owned(),
         "pause" if world.pause() => "Pausing program".to_owned(),
-        "play" | "stop" | "pause" => failed(),
+        "play" | "stop" | "pause" | "brake release" => failed(),
         "unlock protective stop" => {
             let cycle = world.robot.cycle;
             match world.robot.safety.unlock(cycle) {
@@ -176,7 +166,6 @@ mod tests {
     fn power_up_goes_as_clients_do_it() {
         let mut world = World::new(ControllerOptions { running: false, ..ControllerOptions::new(Series::E) });
         assert_eq!(line(&mut world, "robotmode"), "Robotmode: POWER_OFF");
-        assert_eq!(line(&mut world, "brake release"), "Failed to execute: brake release");
         assert_eq!(line(&mut world, "power on"), "Powering on");
         (0..300).for_each(|_| world.cycle());
         assert_eq!(line(&mut world, "robotmode"), "Robotmode: IDLE");
@@ -187,17 +176,55 @@ mod tests {
     }
 
     #[test]
+    fn releasing_the_brakes_powers_on_where_the_safety_system_lets_it() {
+        for asked_again in [false, true] {
+            let options = ControllerOptions { running: false, ..ControllerOptions::new(Series::E) };
+            let mut world = World::new(options);
+            assert_eq!(line(&mut world, "brake release"), "Brake releasing");
+            assert_eq!(line(&mut world, "robotmode"), "Robotmode: POWER_ON");
+            (0..100).for_each(|_| world.cycle());
+            if asked_again {
+                assert_eq!(line(&mut world, "power on"), "Powering on");
+                assert_eq!(line(&mut world, "brake release"), "Brake releasing");
+            }
+            (0..700).for_each(|_| world.cycle());
+            assert_eq!(line(&mut world, "robotmode"), "Robotmode: RUNNING");
+            world.robot.emergency_stop();
+            (0..500).for_each(|_| world.cycle());
+            assert_eq!(line(&mut world, "brake release"), "Failed to execute: brake release");
+            assert_eq!(line(&mut world, "robotmode"), "Robotmode: POWER_OFF");
+        }
+    }
+
+    #[test]
+    fn a_script_of_a_socket_is_never_the_loaded_program() {
+        let mut world = World::new(ControllerOptions::new(Series::Cb3));
+        world.take_script("def p():\n  sync()\n  textmsg(\"ran\")\nend\n");
+        assert_eq!(line(&mut world, "get loaded program"), "No program loaded");
+        (0..100).for_each(|_| world.cycle());
+        assert_eq!(world.runtime(), Runtime::Stopped);
+        assert_eq!(line(&mut world, "get loaded program"), "No program loaded");
+        assert_eq!(line(&mut world, "play"), "Failed to execute: play");
+        (0..100).for_each(|_| world.cycle());
+        assert_eq!(format!("{:?}", world.messages).matches("ran").count(), 1);
+        world.take_script("def p():\n  while True:\n    sync()\n  end\nend\n");
+        // Not paused: there is nothing to resume, and what runs is left alone.
+        assert_eq!(line(&mut world, "play"), "Failed to execute: play");
+        assert_eq!(world.runtime(), Runtime::Playing);
+    }
+
+    #[test]
     fn a_program_is_played_paused_and_stopped() {
         let mut world = World::new(ControllerOptions::new(Series::Cb3));
         world.take_script("def p():\n  while True:\n    sync()\n  end\nend\n");
-        assert_eq!(line(&mut world, "programState"), "PLAYING p.urp");
+        assert_eq!(line(&mut world, "programState"), "PLAYING <unnamed>");
         assert_eq!(line(&mut world, "running"), "Program running: true");
         assert_eq!(line(&mut world, "pause"), "Pausing program");
         (0..100).for_each(|_| world.cycle());
-        assert_eq!(line(&mut world, "programState"), "PAUSED p.urp");
+        assert_eq!(line(&mut world, "programState"), "PAUSED <unnamed>");
         assert_eq!(line(&mut world, "play"), "Starting program");
         assert_eq!(line(&mut world, "stop"), "Stopped");
-        assert_eq!(line(&mut world, "programState"), "STOPPED p.urp");
+        assert_eq!(line(&mut world, "programState"), "STOPPED <unnamed>");
         // PolyScope sees the end of a program a moment later: a stop that comes just then has not failed.
         assert_eq!(line(&mut world, "stop"), "Stopped");
         (0..100).for_each(|_| world.cycle());

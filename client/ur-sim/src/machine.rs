@@ -87,6 +87,14 @@ pub struct Watchdog {
     pub since: u64,
 }
 
+/// The thread whose motion call was the last.
+#[derive(Debug, Clone, Copy)]
+pub struct MovingThread {
+    pub thread: ThreadId,
+    /// The last cycle in which the call goes on; none where it was answered at once.
+    pub until: Option<u64>,
+}
+
 /// The robot in the hands of a program.
 #[derive(Debug)]
 pub struct Hands<'a> {
@@ -94,10 +102,9 @@ pub struct Hands<'a> {
     pub inputs: &'a InputVariables,
     pub registers: &'a mut Registers,
     pub watchdogs: &'a mut Vec<Watchdog>,
-    /// Until which cycle threads wait, and which of them moves the robot.
+    /// Until which cycle threads wait.
     pub waits: &'a mut BTreeMap<ThreadId, u64>,
-    /// Thread whose motion is going on.
-    pub mover: &'a mut Option<ThreadId>,
+    pub mover: &'a mut Option<MovingThread>,
     /// Messages for ports 30001 and 30002.
     pub messages: &'a mut VecDeque<MessageContent>,
     pub sockets: &'a mut ProgramSockets,
@@ -266,7 +273,7 @@ impl Hands<'_> {
         let arguments = call.arguments;
         let value = match call.name {
             name if name.starts_with("socket_") => return self.socket(call),
-            "servoj" | "movej" | "movel" | "speedj" | "stopj" | "stopl" => return self.motion(call),
+            "servoj" | "movej" | "movel" | "speedj" | "stopj" | "stopl" => return self.moving(call),
             "sync" => return Ok(Called::Cycle(Value::None)),
             "sleep" => {
                 let [t] = arguments.bind(["t"])?;
@@ -324,13 +331,17 @@ impl Machine for Hands<'_> {
         answer.unwrap_or_else(|message| Called::Failed(format!("{} {message}", call.name)))
     }
 
+    fn pause(&mut self) {
+        self.robot.paused = true;
+    }
+
     fn spent(&mut self) -> u32 {
         std::mem::take(&mut self.spent)
     }
 
     fn ended(&mut self, thread: ThreadId) {
         self.waits.remove(&thread);
-        if *self.mover == Some(thread) {
+        if self.mover.is_some_and(|mover| mover.thread == thread) {
             *self.mover = None;
             // A streamed target is held; a planned motion does not go on without its thread.
             if matches!(

@@ -122,7 +122,7 @@ fn an_emergency_stop_brakes_and_takes_the_power() {
     run(&mut robot, 100);
     assert_eq!((robot.mode, robot.safety.number()), (RobotMode::PowerOff, 1));
     assert!(!robot.ready());
-    robot.mode = RobotMode::PowerOn { until: None };
+    robot.mode = RobotMode::PowerOn { until: None, release: false };
     run(&mut robot, 260);
     assert_eq!(robot.mode, RobotMode::Idle);
     robot.mode = RobotMode::Releasing { until: None };
