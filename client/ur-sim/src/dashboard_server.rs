@@ -19,12 +19,18 @@ const LONGEST_LOGGED: usize = 255;
 const ROLES: [&str; 5] = ["programmer", "operator", "none", "locked", "restricted"];
 const MODES: [&str; 2] = ["MANUAL", "AUTOMATIC"];
 
+/// Of an e-Series in local control.
+const LOCAL: &str = "Command is not allowed due to safety reasons, please switch robot to Remote Control mode and \
+                     reconnect to port 29999";
+
 /// What comes of a command.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum DashboardReply {
     Line(String),
     /// A line, then the connection ends.
     Last(String),
+    /// A line, then all connections end and the ports are closed.
+    Off(String),
 }
 
 /// Commands that remote control is needed for, where the series knows it.
@@ -48,7 +54,7 @@ pub fn answer(world: &mut World, command: &str) -> DashboardReply {
     let failed = || format!("Failed to execute: {command}");
     let (first, argument) = command.split_once(' ').unwrap_or((command, ""));
     if series == Series::E && !world.remote && (REMOTE_ONLY.contains(&command) || first == "load") {
-        return DashboardReply::Line(failed());
+        return DashboardReply::Line(LOCAL.to_owned());
     }
     let runtime = world.runtime();
     // Of the program that is loaded on the pendant, which none can be: those of sockets are not.
@@ -56,8 +62,8 @@ pub fn answer(world: &mut World, command: &str) -> DashboardReply {
     DashboardReply::Line(match command {
         "quit" => return DashboardReply::Last("Disconnected".to_owned()),
         "shutdown" => {
-            world.power_off();
-            return DashboardReply::Last("Shutting down".to_owned());
+            world.reboot();
+            return DashboardReply::Off("Shutting down".to_owned());
         }
         "robotmode" => format!("Robotmode: {}", world.robot.mode.word()),
         "safetymode" => format!("Safetymode: {}", world.robot.safety.word()),
@@ -82,7 +88,10 @@ pub fn answer(world: &mut World, command: &str) -> DashboardReply {
         }
         "getUserRole" if since(1, NEVER) => world.user_role.to_ascii_uppercase(),
         "saveLog" if since(13, 8) => "Log saved to disk".to_owned(),
-        "close popup" => "closing popup".to_owned(),
+        "close popup" => {
+            world.popups.clear();
+            "closing popup".to_owned()
+        }
         "close safety popup" => "closing safety popup".to_owned(),
         "power on" => {
             world.power_on();
@@ -158,7 +167,7 @@ mod tests {
 
     fn line(world: &mut World, command: &str) -> String {
         match answer(world, command) {
-            DashboardReply::Line(line) | DashboardReply::Last(line) => line,
+            DashboardReply::Line(line) | DashboardReply::Last(line) | DashboardReply::Off(line) => line,
         }
     }
 
@@ -287,7 +296,14 @@ mod tests {
         let mut world = World::new(ControllerOptions::new(Series::E));
         world.remote = false;
         assert_eq!(line(&mut world, "is in remote control"), "false");
-        assert_eq!(line(&mut world, "power off"), "Failed to execute: power off");
+        for command in ["power off", "load x.urp", "play", "brake release"] {
+            assert_eq!(
+                line(&mut world, command),
+                "Command is not allowed due to safety reasons, please switch robot to Remote Control mode and \
+                 reconnect to port 29999",
+                "{command}"
+            );
+        }
         assert_eq!(line(&mut world, "robotmode"), "Robotmode: RUNNING");
         world.take_script("def p():\n  sync()\nend\n");
         assert_eq!(world.runtime(), Runtime::Stopped);

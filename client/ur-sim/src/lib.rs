@@ -66,6 +66,8 @@ mod thread_tests;
 #[cfg(test)]
 mod socket_tests;
 #[cfg(test)]
+mod setup_tests;
+#[cfg(test)]
 mod recipe_tests;
 #[cfg(test)]
 mod interpreter_tests;

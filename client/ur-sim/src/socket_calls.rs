@@ -46,12 +46,25 @@ fn numbers(read: Vec<Value>, wanted: usize, missing: &Value) -> Result<Value> {
     List::new(list).map(Value::List)
 }
 
-fn escaped(text: &str) -> String {
-    text.replace("\\n", "\n").replace("\\r", "\r").replace("\\t", "\t")
+/// The bytes that a value is sent as, or that mark something.
+fn written(value: &Value) -> Vec<u8> {
+    value.as_bytes().map_or_else(|| value.to_string().into_bytes(), <[u8]>::to_vec)
 }
 
-fn text(bytes: &[u8]) -> Value {
-    Value::text(&String::from_utf8_lossy(bytes))
+fn escaped(text: &[u8]) -> Vec<u8> {
+    let mut escaped = Vec::with_capacity(text.len());
+    let mut rest = text;
+    while let Some((first, others)) = rest.split_first() {
+        let meant = match (first, others.first()) {
+            (b'\\', Some(b'n')) => Some(b'\n'),
+            (b'\\', Some(b'r')) => Some(b'\r'),
+            (b'\\', Some(b't')) => Some(b'\t'),
+            _ => None,
+        };
+        escaped.push(meant.unwrap_or(*first));
+        rest = others.get(usize::from(meant.is_some())..).unwrap_or_default();
+    }
+    escaped
 }
 
 /// Takes what one call reads out of a socket, if all of it is there. Counts the bytes that it looked at.
@@ -75,11 +88,11 @@ impl Hands<'_> {
             }
             "socket_send_string" | "socket_send_line" => {
                 let [sent, name] = arguments.bind(["str", "socket_name"])?;
-                let mut sent = sent.ok_or("wants something to send")?.to_string();
+                let mut sent = written(sent.ok_or("wants something to send")?);
                 if call.name == "socket_send_line" {
-                    sent.push('\n');
+                    sent.push(b'\n');
                 }
-                self.socket_send(&socket_name(name)?, sent.as_bytes())
+                self.socket_send(&socket_name(name)?, &sent)
             }
             "socket_send_int" => {
                 let [value, name] = arguments.bind(["value", "socket_name"])?;
@@ -130,16 +143,18 @@ impl Hands<'_> {
             // The manual's own default for it is a string.
             let escape = escape.is_some_and(|escape| escape.as_bool() == Some(true));
             let mark = |value: Option<&Value>| {
-                let mark = value.map(ToString::to_string).unwrap_or_default();
-                if escape { escaped(&mark) } else { mark }.trim_start_matches(' ').to_owned()
+                let mark = value.map(written).unwrap_or_default();
+                let mark = if escape { escaped(&mark) } else { mark };
+                let blanks = mark.iter().take_while(|byte| **byte == b' ').count();
+                mark.get(blanks..).unwrap_or_default().to_vec()
             };
             let (prefix, suffix) = (mark(prefix), mark(suffix));
             let line = call.name == "socket_read_line";
             let take: Take<'_> = &|socket, looked_at| {
                 if line {
-                    return Ok(take_line(socket, looked_at).map(|line| text(&line)));
+                    return Ok(take_line(socket, looked_at).map(|line| Value::bytes(&line)));
                 }
-                Ok(read_string(socket, prefix.as_bytes(), suffix.as_bytes(), looked_at))
+                Ok(read_string(socket, &prefix, &suffix, looked_at))
             };
             return self.socket_read(call, &socket_name(name)?, timeout, Value::text(""), take);
         }
@@ -325,5 +340,5 @@ fn read_string(
     if ended {
         socket.discard(suffix.len());
     }
-    Some(text(&taken))
+    Some(Value::bytes(&taken))
 }

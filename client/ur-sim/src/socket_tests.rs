@@ -1,6 +1,6 @@
 //! Claims about sockets of programs: peers that send more than is read, and what is left of a program.
 
-use std::io::Write;
+use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::time::Duration;
 
@@ -160,6 +160,33 @@ fn what_stands_before_a_prefix_is_gone_and_what_a_read_did_not_take_is_not() {
         said.contains("late \"") && said.contains("one one\"") && said.contains("all rest>two"),
         "{said}"
     );
+}
+
+#[test]
+fn bytes_of_a_peer_are_neither_changed_nor_counted_as_letters() {
+    let (port, driver) = {
+        let listener = TcpListener::bind(("127.0.0.1", 0)).unwrap();
+        let port = listener.local_addr().unwrap().port();
+        let driver = std::thread::spawn(move || {
+            let (mut stream, _) = listener.accept().unwrap();
+            stream.set_read_timeout(Some(Duration::from_secs(10))).unwrap();
+            stream.write_all(&[0xff, 0x00, 0xc3, b'a', 0xa9, b'\n']).unwrap();
+            let mut back = [0; 5];
+            stream.read_exact(&mut back).unwrap();
+            back
+        });
+        (port, driver)
+    };
+    let mut world = world();
+    world.take_script(&format!(
+        "def r():\n  socket_open(\"127.0.0.1\", {port})\n  line = socket_read_line()\n  \
+         textmsg(\"length \", str_len(line))\n  textmsg(\"at \", str_find(line, \"a\"))\n  \
+         socket_send_string(line)\nend\n"
+    ));
+    live(&mut world, 20_000, |world| world.runtime() == Runtime::Stopped);
+    assert_eq!(driver.join().unwrap(), [0xff, 0x00, 0xc3, b'a', 0xa9]);
+    let said = texts(&mut world);
+    assert!(said.contains("length 5") && said.contains("at 3"), "{said}");
 }
 
 #[test]

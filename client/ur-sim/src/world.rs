@@ -1,7 +1,7 @@
 //! The controller's state behind one lock: robot, inputs, registers, program, log. One call is one control
 //! cycle.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 use super::arrival::{Arrival, MOST_ARRIVALS};
 use super::inputs::InputVariables;
@@ -70,6 +70,8 @@ pub struct World {
     waits: BTreeMap<ThreadId, u64>,
     sockets: ProgramSockets,
     mover: Option<MovingThread>,
+    /// Threads whose popup waits to be closed.
+    pub(super) popups: BTreeSet<ThreadId>,
     reported: Option<ProtectiveReason>,
     /// In which cycle a program ended last.
     ended: Option<u64>,
@@ -96,6 +98,7 @@ impl World {
             waits: BTreeMap::new(),
             sockets: ProgramSockets::new(options.any_host),
             mover: None,
+            popups: BTreeSet::new(),
             reported: None,
             ended: None,
         }
@@ -168,6 +171,7 @@ impl World {
             watchdogs: &mut self.watchdogs,
             waits: &mut self.waits,
             mover: &mut self.mover,
+            popups: &mut self.popups,
             messages: &mut self.messages,
             sockets: &mut self.sockets,
             spent: 0,
