@@ -354,3 +354,27 @@ fn a_watchdog_stops_the_program_whose_client_is_gone() {
         assert!(began.elapsed() < 2 * PATIENCE, "never stopped");
     }
 }
+
+#[test]
+fn a_controller_that_is_shut_down_closes_its_ports_until_it_is_started_again() {
+    let controller = start(Series::Cb3);
+    let mut client = RtdeClient::connect(at(&controller, Service::Rtde), PATIENCE).unwrap();
+    let mut dashboard = open(&controller, Service::Dashboard);
+    line(&mut dashboard);
+    dashboard.write_all(b"shutdown\n").unwrap();
+    assert_eq!(line(&mut dashboard), "Shutting down");
+    assert!(client.controller_version().is_err());
+    let since = Instant::now();
+    let services = [Service::Rtde, Service::Dashboard, Service::Primary, Service::RealTime];
+    for service in services {
+        while TcpStream::connect(at(&controller, service)).is_ok() {
+            assert!(since.elapsed() < PATIENCE, "never closed");
+        }
+    }
+    assert_eq!(controller.obey("reboot 0.1"), "ok");
+    for service in services {
+        while TcpStream::connect(at(&controller, service)).is_err() {
+            assert!(since.elapsed() < 2 * PATIENCE, "never open again");
+        }
+    }
+}

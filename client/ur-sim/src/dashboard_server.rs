@@ -4,7 +4,6 @@
 //! expects. PolyScope's files do not exist here: nothing can be loaded, and no report is made.
 
 use super::options::{MODEL, Series};
-use super::safety::RobotMode;
 use super::world::{Runtime, World};
 use foretrace_ur::dashboard::SIMULATED;
 use foretrace_ur::primary::MessageContent;
@@ -20,12 +19,18 @@ const LONGEST_LOGGED: usize = 255;
 const ROLES: [&str; 5] = ["programmer", "operator", "none", "locked", "restricted"];
 const MODES: [&str; 2] = ["MANUAL", "AUTOMATIC"];
 
+/// Of an e-Series in local control.
+const LOCAL: &str = "Command is not allowed due to safety reasons, please switch robot to Remote Control mode and \
+                     reconnect to port 29999";
+
 /// What comes of a command.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum DashboardReply {
     Line(String),
     /// A line, then the connection ends.
     Last(String),
+    /// A line, then all connections end and the ports are closed.
+    Off(String),
 }
 
 /// Commands that remote control is needed for, where the series knows it.
@@ -49,18 +54,16 @@ pub fn answer(world: &mut World, command: &str) -> DashboardReply {
     let failed = || format!("Failed to execute: {command}");
     let (first, argument) = command.split_once(' ').unwrap_or((command, ""));
     if series == Series::E && !world.remote && (REMOTE_ONLY.contains(&command) || first == "load") {
-        return DashboardReply::Line(failed());
+        return DashboardReply::Line(LOCAL.to_owned());
     }
     let runtime = world.runtime();
-    let name = match world.program_name() {
-        "" => "<unnamed>".to_owned(),
-        name => format!("{name}.urp"),
-    };
+    // Of the program that is loaded on the pendant, which none can be: those of sockets are not.
+    let name = "<unnamed>";
     DashboardReply::Line(match command {
         "quit" => return DashboardReply::Last("Disconnected".to_owned()),
         "shutdown" => {
-            world.power_off();
-            return DashboardReply::Last("Shutting down".to_owned());
+            world.reboot();
+            return DashboardReply::Off("Shutting down".to_owned());
         }
         "robotmode" => format!("Robotmode: {}", world.robot.mode.word()),
         "safetymode" => format!("Safetymode: {}", world.robot.safety.word()),
@@ -71,8 +74,7 @@ pub fn answer(world: &mut World, command: &str) -> DashboardReply {
             Runtime::Pausing | Runtime::Paused => format!("PAUSED {name}"),
             Runtime::Playing | Runtime::Resuming => format!("PLAYING {name}"),
         },
-        "get loaded program" if world.program_name().is_empty() => "No program loaded".to_owned(),
-        "get loaded program" => format!("Loaded program: /programs/{name}"),
+        "get loaded program" => "No program loaded".to_owned(),
         "isProgramSaved" => format!("true {name}"),
         "PolyscopeVersion" => format!("URSoftware {version} {SIMULATED}"),
         "version" => version.to_string(),
@@ -86,7 +88,10 @@ pub fn answer(world: &mut World, command: &str) -> DashboardReply {
         }
         "getUserRole" if since(1, NEVER) => world.user_role.to_ascii_uppercase(),
         "saveLog" if since(13, 8) => "Log saved to disk".to_owned(),
-        "close popup" => "closing popup".to_owned(),
+        "close popup" => {
+            world.popups.clear();
+            "closing popup".to_owned()
+        }
         "close safety popup" => "closing safety popup".to_owned(),
         "power on" => {
             world.power_on();
@@ -96,17 +101,11 @@ pub fn answer(world: &mut World, command: &str) -> DashboardReply {
             world.power_off();
             "Powering off".to_owned()
         }
-        "brake release" => {
-            if world.robot.mode == RobotMode::PowerOff {
-                return DashboardReply::Line(failed());
-            }
-            world.brake_release();
-            "Brake releasing".to_owned()
-        }
+        "brake release" if world.brake_release() => "Brake releasing".to_owned(),
         "play" if world.play() => "Starting program".to_owned(),
         "stop" if world.stop_all() => "Stopped".to_owned(),
         "pause" if world.pause() => "Pausing program".to_owned(),
-        "play" | "stop" | "pause" => failed(),
+        "play" | "stop" | "pause" | "brake release" => failed(),
         "unlock protective stop" => {
             let cycle = world.robot.cycle;
             match world.robot.safety.unlock(cycle) {
@@ -168,7 +167,7 @@ mod tests {
 
     fn line(world: &mut World, command: &str) -> String {
         match answer(world, command) {
-            DashboardReply::Line(line) | DashboardReply::Last(line) => line,
+            DashboardReply::Line(line) | DashboardReply::Last(line) | DashboardReply::Off(line) => line,
         }
     }
 
@@ -176,7 +175,6 @@ mod tests {
     fn power_up_goes_as_clients_do_it() {
         let mut world = World::new(ControllerOptions { running: false, ..ControllerOptions::new(Series::E) });
         assert_eq!(line(&mut world, "robotmode"), "Robotmode: POWER_OFF");
-        assert_eq!(line(&mut world, "brake release"), "Failed to execute: brake release");
         assert_eq!(line(&mut world, "power on"), "Powering on");
         (0..300).for_each(|_| world.cycle());
         assert_eq!(line(&mut world, "robotmode"), "Robotmode: IDLE");
@@ -187,17 +185,55 @@ mod tests {
     }
 
     #[test]
+    fn releasing_the_brakes_powers_on_where_the_safety_system_lets_it() {
+        for asked_again in [false, true] {
+            let options = ControllerOptions { running: false, ..ControllerOptions::new(Series::E) };
+            let mut world = World::new(options);
+            assert_eq!(line(&mut world, "brake release"), "Brake releasing");
+            assert_eq!(line(&mut world, "robotmode"), "Robotmode: POWER_ON");
+            (0..100).for_each(|_| world.cycle());
+            if asked_again {
+                assert_eq!(line(&mut world, "power on"), "Powering on");
+                assert_eq!(line(&mut world, "brake release"), "Brake releasing");
+            }
+            (0..700).for_each(|_| world.cycle());
+            assert_eq!(line(&mut world, "robotmode"), "Robotmode: RUNNING");
+            world.robot.emergency_stop();
+            (0..500).for_each(|_| world.cycle());
+            assert_eq!(line(&mut world, "brake release"), "Failed to execute: brake release");
+            assert_eq!(line(&mut world, "robotmode"), "Robotmode: POWER_OFF");
+        }
+    }
+
+    #[test]
+    fn a_script_of_a_socket_is_never_the_loaded_program() {
+        let mut world = World::new(ControllerOptions::new(Series::Cb3));
+        world.take_script("def p():\n  sync()\n  textmsg(\"ran\")\nend\n");
+        assert_eq!(line(&mut world, "get loaded program"), "No program loaded");
+        (0..100).for_each(|_| world.cycle());
+        assert_eq!(world.runtime(), Runtime::Stopped);
+        assert_eq!(line(&mut world, "get loaded program"), "No program loaded");
+        assert_eq!(line(&mut world, "play"), "Failed to execute: play");
+        (0..100).for_each(|_| world.cycle());
+        assert_eq!(format!("{:?}", world.messages).matches("ran").count(), 1);
+        world.take_script("def p():\n  while True:\n    sync()\n  end\nend\n");
+        // Not paused: there is nothing to resume, and what runs is left alone.
+        assert_eq!(line(&mut world, "play"), "Failed to execute: play");
+        assert_eq!(world.runtime(), Runtime::Playing);
+    }
+
+    #[test]
     fn a_program_is_played_paused_and_stopped() {
         let mut world = World::new(ControllerOptions::new(Series::Cb3));
         world.take_script("def p():\n  while True:\n    sync()\n  end\nend\n");
-        assert_eq!(line(&mut world, "programState"), "PLAYING p.urp");
+        assert_eq!(line(&mut world, "programState"), "PLAYING <unnamed>");
         assert_eq!(line(&mut world, "running"), "Program running: true");
         assert_eq!(line(&mut world, "pause"), "Pausing program");
         (0..100).for_each(|_| world.cycle());
-        assert_eq!(line(&mut world, "programState"), "PAUSED p.urp");
+        assert_eq!(line(&mut world, "programState"), "PAUSED <unnamed>");
         assert_eq!(line(&mut world, "play"), "Starting program");
         assert_eq!(line(&mut world, "stop"), "Stopped");
-        assert_eq!(line(&mut world, "programState"), "STOPPED p.urp");
+        assert_eq!(line(&mut world, "programState"), "STOPPED <unnamed>");
         // PolyScope sees the end of a program a moment later: a stop that comes just then has not failed.
         assert_eq!(line(&mut world, "stop"), "Stopped");
         (0..100).for_each(|_| world.cycle());
@@ -260,7 +296,14 @@ mod tests {
         let mut world = World::new(ControllerOptions::new(Series::E));
         world.remote = false;
         assert_eq!(line(&mut world, "is in remote control"), "false");
-        assert_eq!(line(&mut world, "power off"), "Failed to execute: power off");
+        for command in ["power off", "load x.urp", "play", "brake release"] {
+            assert_eq!(
+                line(&mut world, command),
+                "Command is not allowed due to safety reasons, please switch robot to Remote Control mode and \
+                 reconnect to port 29999",
+                "{command}"
+            );
+        }
         assert_eq!(line(&mut world, "robotmode"), "Robotmode: RUNNING");
         world.take_script("def p():\n  sync()\nend\n");
         assert_eq!(world.runtime(), Runtime::Stopped);

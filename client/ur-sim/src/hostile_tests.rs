@@ -82,7 +82,7 @@ proptest! {
         let mut world = World::new(ControllerOptions::new(Series::Cb3));
         for line in [line.clone(), format!("{word} {line}")] {
             let answer = match dashboard_server::answer(&mut world, &line) {
-                DashboardReply::Line(text) | DashboardReply::Last(text) => text,
+                DashboardReply::Line(text) | DashboardReply::Last(text) | DashboardReply::Off(text) => text,
             };
             prop_assert!(!answer.contains('\n'));
             prop_assert!(!faults::obey(&mut world, &Trouble::default(), &line).contains('\n'));

@@ -115,7 +115,8 @@ impl Hands<'_> {
             i32::from(value.and_then(Value::as_bool).ok_or("wants a truth value")?)
         } else {
             let number = value.and_then(Value::as_integer).filter(|number| (-32768..=65536).contains(number));
-            number.ok_or("wants a number from -32768 to 65536")?
+            // It is read back as a signed word.
+            i32::from(number.ok_or("wants a number from -32768 to 65536")? as i16)
         };
         ports.insert(address, value);
         Ok(Value::None)

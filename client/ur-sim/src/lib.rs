@@ -62,6 +62,12 @@ mod trouble_tests;
 #[cfg(test)]
 mod program_tests;
 #[cfg(test)]
+mod thread_tests;
+#[cfg(test)]
+mod socket_tests;
+#[cfg(test)]
+mod setup_tests;
+#[cfg(test)]
 mod recipe_tests;
 #[cfg(test)]
 mod interpreter_tests;

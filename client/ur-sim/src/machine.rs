@@ -5,7 +5,7 @@
 //!
 //! *Source*: script manual of Universal Robots, 5.x, for parameters and defaults.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 use super::inputs::{InputVariables, REGISTERS};
 use super::inverse::{PoseTolerance, search};
@@ -87,6 +87,14 @@ pub struct Watchdog {
     pub since: u64,
 }
 
+/// The thread whose motion call was the last.
+#[derive(Debug, Clone, Copy)]
+pub struct MovingThread {
+    pub thread: ThreadId,
+    /// The last cycle in which the call goes on; none where it was answered at once.
+    pub until: Option<u64>,
+}
+
 /// The robot in the hands of a program.
 #[derive(Debug)]
 pub struct Hands<'a> {
@@ -94,10 +102,11 @@ pub struct Hands<'a> {
     pub inputs: &'a InputVariables,
     pub registers: &'a mut Registers,
     pub watchdogs: &'a mut Vec<Watchdog>,
-    /// Until which cycle threads wait, and which of them moves the robot.
+    /// Until which cycle threads wait.
     pub waits: &'a mut BTreeMap<ThreadId, u64>,
-    /// Thread whose motion is going on.
-    pub mover: &'a mut Option<ThreadId>,
+    pub mover: &'a mut Option<MovingThread>,
+    /// Threads that wait until somebody closes their popup.
+    pub popups: &'a mut BTreeSet<ThreadId>,
     /// Messages for ports 30001 and 30002.
     pub messages: &'a mut VecDeque<MessageContent>,
     pub sockets: &'a mut ProgramSockets,
@@ -172,8 +181,34 @@ impl Hands<'_> {
 
     /// The tool as a call names it by its offset from the flange, else as it is set.
     fn tool(&self, tcp: Option<&Value>) -> Result<[f64; 6]> {
+        // The manual's own default for it is a string.
+        let tcp = tcp.filter(|tcp| tcp.as_bytes() != Some(b"active_tcp"));
         let named = tcp.map(|tcp| tcp.as_numbers::<6>().ok_or("wants a pose for tcp")).transpose()?;
         Ok(named.unwrap_or(self.robot.tcp_offset))
+    }
+
+    /// Says what a popup would show. One that blocks holds its thread until `close popup` of the dashboard.
+    fn popup(&mut self, call: &MachineCall<'_>) -> Result<Called> {
+        let names = ["s", "title", "warning", "error", "blocking"];
+        let [text, title, warning, error, blocking] = call.arguments.bind(names)?;
+        let truth = |value: Option<&Value>, name: &str| match value {
+            None => Ok(false),
+            Some(value) => value.as_bool().ok_or_else(|| format!("wants a truth value for {name}")),
+        };
+        truth(warning, "warning")?;
+        truth(error, "error")?;
+        if title.is_some_and(|title| title.as_bytes().is_none()) {
+            return Err("wants a string for title".to_owned());
+        }
+        let blocks = truth(blocking, "blocking")?;
+        if call.first {
+            self.say(text.ok_or("wants a string for s")?.to_string());
+            if blocks {
+                self.popups.insert(call.thread);
+            }
+        }
+        let waits = blocks && self.popups.contains(&call.thread);
+        Ok(if waits { Called::Wait } else { Called::Value(Value::None) })
     }
 
     fn watchdog(&mut self, arguments: &Arguments) -> Result<Value> {
@@ -205,6 +240,16 @@ impl Hands<'_> {
     fn state(&mut self, name: &str, arguments: &Arguments) -> Result<Value> {
         let (actual, target) = (self.robot.actual(), self.robot.target);
         self.spent = self.spent.saturating_add(INSTRUCTIONS_PER_SEARCH);
+        const WITH_ARGUMENTS: [&str; 5] = [
+            "get_joint_temp",
+            "is_within_safety_limits",
+            "get_inverse_kin",
+            "get_inverse_kin_has_solution",
+            "get_forward_kin",
+        ];
+        if !WITH_ARGUMENTS.contains(&name) {
+            arguments.bind::<0>([])?;
+        }
         Ok(match name {
             "get_actual_joint_positions" | "get_joint_positions" => Value::floats(&actual.q),
             "get_actual_joint_speeds" => Value::floats(&actual.qd),
@@ -219,11 +264,17 @@ impl Hands<'_> {
             // Nobody touches this arm, and its joints and controller are as warm as a room.
             "get_tcp_force" | "get_joint_torques" => Value::floats(&[0.0; 6]),
             "force" | "get_tool_current" => Value::Float(0.0),
-            "get_joint_temp" | "get_controller_temp" => Value::Float(30.0),
+            "get_controller_temp" => Value::Float(30.0),
+            "get_joint_temp" => {
+                let [joint] = arguments.bind(["j"])?;
+                let joint = joint.and_then(Value::as_integer).filter(|joint| (0..=5).contains(joint));
+                joint.ok_or("wants a joint from 0 to 5")?;
+                Value::Float(30.0)
+            }
             "get_tool_accelerometer_reading" => Value::floats(&[0.0, 0.0, 9.81]),
             "get_freedrive_status" => Value::Integer(0),
             "get_target_payload" => Value::Float(self.robot.payload.0),
-            "get_target_payload_inertia" => Value::floats(&[0.0; 6]),
+            "get_target_payload_inertia" => Value::floats(&self.robot.payload_inertia),
             "get_target_payload_cog" => Value::floats(&self.robot.payload.1),
             "get_steptime" => Value::Float(self.robot.dt()),
             "is_steady" => Value::Bool(self.robot.steady()),
@@ -256,6 +307,7 @@ impl Hands<'_> {
             }
             _ => {
                 let [q, tcp] = arguments.bind(["q", "tcp"])?;
+                let q = q.filter(|q| q.as_bytes() != Some(b"current_joint_positions"));
                 let q = if q.is_some() { joints(q, "q")? } else { actual.q };
                 Value::Pose(pose(&(self.robot.dh.flange(&q) * frame(&self.tool(tcp)?))))
             }
@@ -266,8 +318,11 @@ impl Hands<'_> {
         let arguments = call.arguments;
         let value = match call.name {
             name if name.starts_with("socket_") => return self.socket(call),
-            "servoj" | "movej" | "movel" | "speedj" | "stopj" | "stopl" => return self.motion(call),
-            "sync" => return Ok(Called::Cycle(Value::None)),
+            "servoj" | "movej" | "movel" | "speedj" | "stopj" | "stopl" => return self.moving(call),
+            "sync" => {
+                arguments.bind::<0>([])?;
+                return Ok(Called::Cycle(Value::None));
+            }
             "sleep" => {
                 let [t] = arguments.bind(["t"])?;
                 let cycles = self.cycles(number(t, "t")?);
@@ -275,15 +330,12 @@ impl Hands<'_> {
             }
             "textmsg" => {
                 let [first, second] = arguments.bind(["s1", "s2"])?;
+                first.ok_or("wants something to say")?;
                 let text: String = [first, second].iter().flatten().map(ToString::to_string).collect();
                 self.say(text);
                 Value::None
             }
-            "popup" => {
-                let [text, ..] = arguments.bind(["s", "title", "warning", "error", "blocking"])?;
-                self.say(text.map(ToString::to_string).unwrap_or_default());
-                Value::None
-            }
+            "popup" => return self.popup(call),
             "protective_stop" => {
                 self.robot.protective_stop(ProtectiveReason::Asked);
                 Value::None
@@ -324,13 +376,18 @@ impl Machine for Hands<'_> {
         answer.unwrap_or_else(|message| Called::Failed(format!("{} {message}", call.name)))
     }
 
+    fn pause(&mut self) {
+        self.robot.paused = true;
+    }
+
     fn spent(&mut self) -> u32 {
         std::mem::take(&mut self.spent)
     }
 
     fn ended(&mut self, thread: ThreadId) {
         self.waits.remove(&thread);
-        if *self.mover == Some(thread) {
+        self.popups.remove(&thread);
+        if self.mover.is_some_and(|mover| mover.thread == thread) {
             *self.mover = None;
             // A streamed target is held; a planned motion does not go on without its thread.
             if matches!(

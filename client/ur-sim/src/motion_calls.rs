@@ -1,7 +1,7 @@
 //! The calls that move the robot: `servoj`, `movej`, `movel`, `speedj`, `stopj`, `stopl`.
 
 use super::inverse::{PoseTolerance, Straight};
-use super::machine::{Hands, Result, joints, number_or};
+use super::machine::{Hands, MovingThread, Result, joints, number_or};
 use super::motion::{RobotMotion, Trapezoid};
 use super::robot::{ACCELERATION_LIMIT_RADPS2, SPEED_LIMIT_RADPS, within_limits};
 use super::safety::ProtectiveReason;
@@ -29,13 +29,30 @@ impl Hands<'_> {
         found.ok_or_else(|| "finds no joints for this pose: it is out of reach".to_owned())
     }
 
-    pub(super) fn motion(&mut self, call: &MachineCall<'_>) -> Result<Called> {
-        let arguments = call.arguments;
+    /// A call that moves the robot, which one thread does at a time: while its call goes on, and in the cycle
+    /// that a call has used up, those of other threads end the program, as on a controller.
+    pub(super) fn moving(&mut self, call: &MachineCall<'_>) -> Result<Called> {
         if !self.robot.ready() {
             // The program is about to be stopped.
             return Ok(Called::Wait);
         }
-        *self.mover = Some(call.thread);
+        let now = self.robot.cycle;
+        let other = self.mover.filter(|mover| mover.thread != call.thread);
+        if other.is_some_and(|mover| mover.until.is_some_and(|until| until >= now)) {
+            return Err("fails: Another thread is already controlling the robot".to_owned());
+        }
+        let called = self.motion(call)?;
+        let until = match called {
+            Called::Wait => Some(u64::MAX),
+            Called::Cycle(_) => Some(now),
+            _ => None,
+        };
+        *self.mover = Some(MovingThread { thread: call.thread, until });
+        Ok(called)
+    }
+
+    fn motion(&mut self, call: &MachineCall<'_>) -> Result<Called> {
+        let arguments = call.arguments;
         match call.name {
             "servoj" => {
                 let names = ["q", "a", "v", "t", "lookahead_time", "gain"];

@@ -18,19 +18,37 @@ pub(super) enum KnownAs {
 
 use KnownAs::{Missing, SetUp, Simulated};
 
-const NEVER: u32 = u32::MAX;
-/// Least minor version of 3.x and of 5.x.
-const ALWAYS: [u32; 2] = [0, 0];
-const E: [u32; 2] = [NEVER, 0];
+/// Minor version and bugfix.
+type MinorVersion = (u32, u32);
+
+const NEVER: MinorVersion = (u32::MAX, 0);
+/// Least version of 3.x and of 5.x.
+const ALWAYS: [MinorVersion; 2] = [(0, 0), (0, 0)];
+const E: [MinorVersion; 2] = [NEVER, (0, 0)];
 /// Later than the manual of 5.11.
-const LATER: [u32; 2] = [NEVER, 12];
+const LATER: [MinorVersion; 2] = [NEVER, (12, 0)];
+
+const fn e_since(minor: u32) -> [MinorVersion; 2] {
+    [NEVER, (minor, 0)]
+}
+
+/// What a CB3 loads, because programs for both series have it behind no guard or behind one that looks when
+/// it runs, and cannot do: the call fails.
+const FAILS_ON_CB3: [&str; 2] = ["force_mode_set_gain_scaling", "tool_contact"];
 
 /// In the order of the alphabet, which [`known`] relies on.
 #[rustfmt::skip]
-const NAMES: &[(&str, KnownAs, [u32; 2])] = &[
-    ("clear_interpreter", Simulated, [NEVER, 8]),
+const NAMES: &[(&str, KnownAs, [MinorVersion; 2])] = &[
+    ("add_frame", Missing, LATER),
+    ("attach_frame", Missing, LATER),
+    ("clear_interpreter", Simulated, e_since(8)),
+    ("convert_pose", Missing, LATER),
     ("conveyor_pulse_decode", Missing, ALWAYS),
+    ("delete_all_frames", Missing, LATER),
+    ("delete_frame", Missing, LATER),
     ("direct_torque", Missing, LATER),
+    ("eip_reader_factory", Missing, LATER),
+    ("eip_writer_factory", Missing, LATER),
     ("enable_external_ft_sensor", Missing, ALWAYS),
     ("encoder_enable_pulse_decode", Missing, ALWAYS),
     ("encoder_enable_set_tick_count", Missing, ALWAYS),
@@ -39,7 +57,7 @@ const NAMES: &[(&str, KnownAs, [u32; 2])] = &[
     ("encoder_unwind_delta_tick_count", Missing, ALWAYS),
     ("end_force_mode", Simulated, ALWAYS),
     ("end_freedrive_mode", Simulated, ALWAYS),
-    ("end_interpreter", Simulated, [NEVER, 8]),
+    ("end_interpreter", Simulated, e_since(8)),
     ("end_screw_driving", Missing, E),
     ("end_teach_mode", Simulated, ALWAYS),
     ("estimate_payload", Missing, LATER),
@@ -49,13 +67,15 @@ const NAMES: &[(&str, KnownAs, [u32; 2])] = &[
     ("force_mode_get_damping", Missing, LATER),
     ("force_mode_get_gain_scaling", Missing, LATER),
     ("force_mode_set_damping", Simulated, ALWAYS),
-    ("force_mode_set_gain_scaling", Simulated, E),
+    ("force_mode_set_gain_scaling", Simulated, ALWAYS),
+    ("frame_tracking_disable", Missing, LATER),
+    ("frame_tracking_enable", Missing, LATER),
     ("freedrive_mode", Missing, ALWAYS),
     ("freedrive_mode_no_incorrect_payload_check", Missing, ALWAYS),
-    ("ft_rtde_input_enable", Missing, E),
+    ("ft_rtde_input_enable", Missing, [(14, 1), (9, 1)]),
     ("get_actual_joint_accelerations", Missing, LATER),
     ("get_actual_joint_positions", Simulated, ALWAYS),
-    ("get_actual_joint_positions_history", Missing, ALWAYS),
+    ("get_actual_joint_positions_history", Missing, [(0, 0), (4, 0)]),
     ("get_actual_joint_speeds", Simulated, ALWAYS),
     ("get_actual_tcp_pose", Simulated, ALWAYS),
     ("get_actual_tcp_speed", Simulated, ALWAYS),
@@ -63,6 +83,7 @@ const NAMES: &[(&str, KnownAs, [u32; 2])] = &[
     ("get_analog_in", Simulated, ALWAYS),
     ("get_analog_out", Simulated, ALWAYS),
     ("get_base_acceleration", Missing, LATER),
+    ("get_children", Missing, LATER),
     ("get_configurable_digital_in", Simulated, ALWAYS),
     ("get_configurable_digital_out", Simulated, ALWAYS),
     ("get_controller_temp", Simulated, ALWAYS),
@@ -74,7 +95,8 @@ const NAMES: &[(&str, KnownAs, [u32; 2])] = &[
     ("get_euromap_output", Missing, ALWAYS),
     ("get_flag", Simulated, ALWAYS),
     ("get_forward_kin", Simulated, ALWAYS),
-    ("get_freedrive_status", Simulated, E),
+    ("get_frame_parent", Missing, LATER),
+    ("get_freedrive_status", Simulated, e_since(10)),
     ("get_gravity", Missing, LATER),
     ("get_inverse_kin", Simulated, ALWAYS),
     ("get_inverse_kin_has_solution", Simulated, ALWAYS),
@@ -84,6 +106,7 @@ const NAMES: &[(&str, KnownAs, [u32; 2])] = &[
     ("get_joint_temp", Simulated, ALWAYS),
     ("get_joint_torques", Simulated, ALWAYS),
     ("get_mass_matrix", Missing, LATER),
+    ("get_pose", Missing, LATER),
     ("get_rtde_value", Missing, LATER),
     ("get_standard_analog_in", Simulated, ALWAYS),
     ("get_standard_analog_out", Simulated, ALWAYS),
@@ -95,12 +118,12 @@ const NAMES: &[(&str, KnownAs, [u32; 2])] = &[
     ("get_target_joint_speeds", Simulated, ALWAYS),
     ("get_target_payload", Simulated, ALWAYS),
     ("get_target_payload_cog", Simulated, ALWAYS),
-    ("get_target_payload_inertia", Simulated, [15, 10]),
+    ("get_target_payload_inertia", Simulated, [(15, 0), (10, 0)]),
     ("get_target_tcp_pose", Simulated, ALWAYS),
     ("get_target_tcp_pose_along_path", Missing, ALWAYS),
     ("get_target_tcp_speed", Simulated, ALWAYS),
     ("get_target_tcp_speed_along_path", Missing, ALWAYS),
-    ("get_target_waypoint", Missing, ALWAYS),
+    ("get_target_waypoint", Missing, [(0, 0), (3, 0)]),
     ("get_tcp_force", Simulated, ALWAYS),
     ("get_tcp_offset", Simulated, ALWAYS),
     ("get_tool_accelerometer_reading", Simulated, ALWAYS),
@@ -113,7 +136,8 @@ const NAMES: &[(&str, KnownAs, [u32; 2])] = &[
     ("get_tool_temp", Missing, LATER),
     ("high_holding_torque_disable", Missing, LATER),
     ("high_holding_torque_enable", Missing, LATER),
-    ("interpreter_mode", Simulated, [NEVER, 8]),
+    ("interpreter_mode", Simulated, e_since(8)),
+    ("is_frame", Missing, LATER),
     ("is_steady", Simulated, ALWAYS),
     ("is_within_safety_limits", Simulated, ALWAYS),
     ("jerk_gain_scaling_get", Missing, LATER),
@@ -143,6 +167,7 @@ const NAMES: &[(&str, KnownAs, [u32; 2])] = &[
     ("modbus_set_signal_watchdog", Missing, LATER),
     ("motion_version_get", Missing, LATER),
     ("motion_version_set", Missing, LATER),
+    ("move_frame", Missing, LATER),
     ("movec", Missing, ALWAYS),
     ("movej", Simulated, ALWAYS),
     ("movel", Simulated, ALWAYS),
@@ -174,6 +199,7 @@ const NAMES: &[(&str, KnownAs, [u32; 2])] = &[
     ("request_integer_from_primary_client", Missing, ALWAYS),
     ("request_string_from_primary_client", Missing, ALWAYS),
     ("reset_revolution_counter", SetUp, ALWAYS),
+    ("reset_world_model", Missing, LATER),
     ("rpc_factory", Missing, ALWAYS),
     ("rtde_set_watchdog", Simulated, ALWAYS),
     ("screw_driving", Missing, E),
@@ -196,8 +222,10 @@ const NAMES: &[(&str, KnownAs, [u32; 2])] = &[
     ("set_gp_boolean_input_action", SetUp, ALWAYS),
     ("set_gravity", SetUp, ALWAYS),
     ("set_input_actions_to_default", SetUp, ALWAYS),
+    ("set_mass_properties", Missing, LATER),
     ("set_payload", SetUp, ALWAYS),
     ("set_payload_cog", SetUp, ALWAYS),
+    ("set_payload_from_attached_frames", Missing, LATER),
     ("set_payload_mass", SetUp, ALWAYS),
     ("set_pos", Missing, ALWAYS),
     ("set_runstate_configurable_digital_output_to_value", SetUp, ALWAYS),
@@ -211,7 +239,7 @@ const NAMES: &[(&str, KnownAs, [u32; 2])] = &[
     ("set_standard_analog_out", Simulated, ALWAYS),
     ("set_standard_digital_input_action", SetUp, ALWAYS),
     ("set_standard_digital_out", Simulated, ALWAYS),
-    ("set_target_payload", SetUp, [15, 10]),
+    ("set_target_payload", SetUp, [(15, 0), (10, 0)]),
     ("set_tcp", SetUp, ALWAYS),
     ("set_tool_analog_input_domain", SetUp, ALWAYS),
     ("set_tool_communication", SetUp, E),
@@ -243,7 +271,7 @@ const NAMES: &[(&str, KnownAs, [u32; 2])] = &[
     ("teach_mode", Missing, ALWAYS),
     ("textmsg", Simulated, ALWAYS),
     ("time", Missing, LATER),
-    ("tool_contact", Missing, E),
+    ("tool_contact", Missing, [(0, 0), (4, 0)]),
     ("tool_contact_examples", Missing, E),
     ("tool_wrench_limit_disable", Missing, LATER),
     ("tool_wrench_limit_set", Missing, LATER),
@@ -261,9 +289,10 @@ const NAMES: &[(&str, KnownAs, [u32; 2])] = &[
 pub(super) fn known(name: &str, series: Series, version: ControllerVersion) -> Option<KnownAs> {
     let at = NAMES.binary_search_by(|(known, ..)| (*known).cmp(name)).ok()?;
     let (_, how, [cb3, e]) = NAMES.get(at)?;
-    let minor = if version.major > 5 { u32::MAX - 1 } else { version.minor };
+    let is = if version.major > 5 { (u32::MAX - 1, 0) } else { (version.minor, version.bugfix) };
     let least = if series == Series::Cb3 { *cb3 } else { *e };
-    (minor >= least).then_some(*how)
+    let how = if series == Series::Cb3 && FAILS_ON_CB3.contains(&name) { Missing } else { *how };
+    (is >= least).then_some(how)
 }
 
 #[cfg(test)]
@@ -279,7 +308,7 @@ mod tests {
         for (name, _, _) in NAMES {
             assert!(cb3(name).is_none() || e(name).is_some(), "{name} went with e-Series");
         }
-        for name in ["set_tool_communication", "interpreter_mode", "set_tool_output_mode", "tool_contact"] {
+        for name in ["set_tool_communication", "interpreter_mode", "set_tool_output_mode", "screw_driving"] {
             assert_eq!((cb3(name), e(name).is_some()), (None, true), "{name}");
         }
         let mut older = usual_version(Series::E);
@@ -289,5 +318,30 @@ mod tests {
         older.minor = 21;
         assert_eq!(known("optimovej", Series::E, older), Some(Missing));
         assert_eq!((e("movec"), cb3("movec")), (Some(Missing), Some(Missing)));
+        assert_eq!(known("attach_frame", Series::E, older), Some(Missing));
+        for name in FAILS_ON_CB3 {
+            assert_eq!(cb3(name), Some(Missing), "{name}");
+        }
+        assert_eq!(e("force_mode_set_gain_scaling"), Some(Simulated));
+    }
+
+    #[test]
+    fn some_names_came_with_a_bugfix_or_a_minor_version() {
+        let at = |series, minor, bugfix, name| {
+            known(name, series, ControllerVersion { minor, bugfix, ..usual_version(series) }).is_some()
+        };
+        for (series, minor) in [(Series::Cb3, 14), (Series::E, 9)] {
+            assert!(!at(series, minor, 0, "ft_rtde_input_enable"), "{series:?}");
+            assert!(at(series, minor, 1, "ft_rtde_input_enable"), "{series:?}");
+            assert!(at(series, minor + 1, 0, "ft_rtde_input_enable"), "{series:?}");
+        }
+        for (name, minor) in [
+            ("get_target_waypoint", 3),
+            ("get_actual_joint_positions_history", 4),
+            ("tool_contact", 4),
+            ("get_freedrive_status", 10),
+        ] {
+            assert!(!at(Series::E, minor - 1, 9, name) && at(Series::E, minor, 0, name), "{name}");
+        }
     }
 }

@@ -213,8 +213,14 @@ fn lines(shared: &Shared, connection: &Connection) {
                 _ => DashboardReply::Line(faults::obey(&mut shared.world(), &shared.trouble, &text)),
             };
             shared.end_connections(false);
-            let (DashboardReply::Line(text) | DashboardReply::Last(text)) = &answer;
-            if !say(text) || matches!(answer, DashboardReply::Last(_)) {
+            let (DashboardReply::Line(text) | DashboardReply::Last(text) | DashboardReply::Off(text)) =
+                &answer;
+            let said = say(text);
+            if matches!(answer, DashboardReply::Off(_)) {
+                shared.trouble.shut_down();
+                shared.end_connections(false);
+            }
+            if !said || !matches!(answer, DashboardReply::Line(_)) {
                 return;
             }
         }

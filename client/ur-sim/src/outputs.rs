@@ -76,9 +76,7 @@ fn reader(name: &str) -> Option<fn(&World) -> RtdeValue> {
         "actual_qd" => |w| Vector6d(w.robot.actual().qd),
         "target_current" | "actual_current" | "joint_control_output" => |w| Vector6d(w.robot.currents()),
         "target_moment" => |_| Vector6d([0.0; 6]),
-        "actual_current_as_torque" | "actual_TCP_force" | "ft_raw_wrench" | "payload_inertia" => {
-            |_| Vector6d([0.0; 6])
-        }
+        "actual_current_as_torque" | "actual_TCP_force" | "ft_raw_wrench" => |_| Vector6d([0.0; 6]),
         "actual_current_window" => |_| Vector6d([0.5; 6]),
         "actual_TCP_pose" => |w| Vector6d(w.robot.tcp_pose(&w.robot.actual().q)),
         "actual_TCP_speed" => |w| Vector6d(w.robot.tcp_speed(&w.robot.actual())),
@@ -123,6 +121,8 @@ fn reader(name: &str) -> Option<fn(&World) -> RtdeValue> {
         "euromap67_input_bits" | "euromap67_output_bits" | "tool_analog_input_types" => |_| Uint32(0),
         "tool_mode" => |w| Uint32(u32::from(joint_mode(w))),
         "tool_output_mode" => |w| Uint8(w.robot.setup.tool_output_mode),
+        "tool_digital_output0_mode" => |w| Uint8(w.robot.setup.tool_digital_output_modes[0]),
+        "tool_digital_output1_mode" => |w| Uint8(w.robot.setup.tool_digital_output_modes[1]),
         "tool_analog_input0" | "tool_analog_input1" | "tool_output_current" => |_| Double(0.0),
         "tool_output_voltage" => |w| Int32(w.robot.setup.tool_voltage),
         "tool_temperature" => |_| Double(30.0),
@@ -133,6 +133,7 @@ fn reader(name: &str) -> Option<fn(&World) -> RtdeValue> {
         "tcp_offset" => |w| Vector6d(w.robot.tcp_offset),
         "script_control_line" => |w| Uint32(w.line()),
         "payload" => |w| Double(w.robot.payload.0),
+        "payload_inertia" => |w| Vector6d(w.robot.payload_inertia),
         "payload_cog" => |w| Vector3d(w.robot.payload.1),
         "output_bit_registers0_to_31" => |w| word(w.registers.bits, 0),
         "output_bit_registers32_to_63" => |w| word(w.registers.bits, 32),

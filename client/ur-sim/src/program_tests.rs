@@ -251,10 +251,10 @@ fn other_hosts_are_connected_to_with_leave_only_and_what_does_not_read_is_bounde
         drop(stream);
     });
     world.take_script(&format!(
-        "def f():\n  socket_open(\"127.0.0.1\", {port}, \"s\")\n  a = \"0123456789abcdef\"\n  \
-         while str_len(a) < 8000:\n    a = str_cat(a, a)\n  end\n  n = 0\n  \
+        "def f():\n  socket_open(\"127.0.0.1\", {port}, \"s\")\n  a = \"{}\"\n  n = 0\n  \
          while socket_send_string(a, \"s\") and n < 100000:\n    n = n + 1\n    sync()\n  end\n  \
-         textmsg(\"full \", n < 100000)\nend\n"
+         textmsg(\"full \", n < 100000)\nend\n",
+        "0123456789abcdef".repeat(500)
     ));
     live(&mut world, 20_000);
     assert!(texts(&mut world).contains("full True"));

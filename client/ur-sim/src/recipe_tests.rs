@@ -115,3 +115,59 @@ fn the_tools_offset_is_told_since_its_version() {
         );
     }
 }
+
+/// The guide: the rate is that of the cycle over the whole part of the quotient.
+#[test]
+fn packages_come_every_so_many_whole_cycles() {
+    for (series, frequency, every) in [
+        (Series::Cb3, 125.0, 1),
+        (Series::Cb3, 100.0, 1),
+        (Series::Cb3, 63.0, 1),
+        (Series::Cb3, 62.5, 2),
+        (Series::Cb3, 33.3, 3),
+        (Series::Cb3, 1.0, 125),
+        (Series::E, 500.0, 1),
+        (Series::E, 400.0, 1),
+        (Series::E, 125.0, 4),
+        (Series::E, 30.0, 16),
+        (Series::E, 1.0, 500),
+    ] {
+        let mut client = Client::new(ControllerOptions::new(series));
+        assert_eq!(client.outputs(frequency, "timestamp").0, 1);
+        client.ask(b'S', &[]);
+        let due: Vec<u64> = (0..1200)
+            .filter_map(|_| {
+                client.world.cycle();
+                client.session.package(&client.world).map(|_| client.world.robot.cycle)
+            })
+            .collect();
+        assert!(due.len() >= 2, "{series:?} {frequency}");
+        assert!(due.windows(2).all(|two| two[1] - two[0] == every), "{series:?} {frequency}: {due:?}");
+    }
+}
+
+#[test]
+fn rates_below_one_are_refused_like_those_above_the_cycles() {
+    for series in [Series::Cb3, Series::E] {
+        for frequency in [0.99, 0.0, -1.0, f64::NAN, f64::INFINITY, f64::from(series.rate_hz()) + 0.1] {
+            let mut client = Client::new(ControllerOptions::new(series));
+            assert_eq!(client.outputs(frequency, "timestamp"), (0, String::new()), "{frequency}");
+        }
+    }
+}
+
+#[test]
+fn the_tools_output_modes_are_those_that_a_program_sets() {
+    let mut client = Client::new(ControllerOptions::new(Series::E));
+    let names = "tool_digital_output0_mode,tool_digital_output1_mode,payload_inertia";
+    assert_eq!(client.outputs(500.0, names), (1, "UINT8,UINT8,VECTOR6D".to_owned()));
+    client.ask(b'S', &[]);
+    client.world.take_script(
+        "def m():\n  set_tool_digital_output_mode(0, 2)\n  set_tool_digital_output_mode(1, 3)\n  \
+         set_target_payload(1, [0, 0, 0.1], [0.5, 1, 2, 0, 0, 0])\nend\n",
+    );
+    (0..3).for_each(|_| client.world.cycle());
+    let (_, data) = unpacked(&client.session.package(&client.world).unwrap());
+    let inertia: Vec<u8> = [0.5, 1.0, 2.0, 0.0, 0.0, 0.0].into_iter().flat_map(f64::to_be_bytes).collect();
+    assert_eq!(data, [&[1, 2, 3][..], &inertia].concat());
+}

@@ -31,6 +31,8 @@ const STOP_RADPS2: f64 = 20.0;
 const MOST_STOP_S: f64 = 0.5;
 /// A joint slower than this outside its range stands \[rad/s\].
 const CREEPS_RADPS: f64 = 1e-3;
+/// So long it stands until it is steady \[s\].
+const STEADY_AFTER_S: f64 = 0.5;
 /// From full speed to a pause, and back \[1/s\].
 const SCALE_RATE: f64 = 5.0;
 
@@ -67,6 +69,8 @@ pub struct SimulatedRobot {
     pub paused: bool,
     /// Mass \[kg\] and centre of gravity \[m\].
     pub payload: (f64, [f64; 3]),
+    /// About the centre of gravity, axes as the flange's \[kg m²\]: Ixx, Iyy, Izz, Ixy, Ixz, Iyz.
+    pub payload_inertia: [f64; 6],
     /// From the flange: position \[m\], rotation vector \[rad\].
     pub tcp_offset: [f64; 6],
     /// Standard 0 to 7, configurable 8 to 15, tool 16 and 17.
@@ -76,6 +80,8 @@ pub struct SimulatedRobot {
     pub analog_outputs: [f64; 2],
     /// What programs have set beside.
     pub setup: ProgramSetup,
+    /// For how many cycles the arm and its targets have stood.
+    still_cycles: u64,
     /// Of the arm in the last cycle \[rad/s²\].
     qdd: [f64; 6],
     motors: Motors,
@@ -103,12 +109,15 @@ impl SimulatedRobot {
             target: JointPoint { q, qd: [0.0; 6] },
             unreached: false,
             target_qdd: [0.0; 6],
+            // It stood long before.
+            still_cycles: u64::from(options.series.rate_hz()),
             qdd: [0.0; 6],
             motors: Motors::of(options.series),
             slider: 1.0,
             speed_scaling: 1.0,
             paused: false,
             payload: (0.0, [0.0; 3]),
+            payload_inertia: [0.0; 6],
             tcp_offset: [0.0; 6],
             digital_outputs: 0,
             digital_inputs: 0,
@@ -181,8 +190,15 @@ impl SimulatedRobot {
         self.mode == RobotMode::Running && self.safety.clear()
     }
 
+    /// Whether it has stood for half a second with targets that stand.
     #[must_use]
     pub fn steady(&self) -> bool {
+        self.still_cycles as f64 * self.dt() >= STEADY_AFTER_S - 1e-9
+    }
+
+    /// Whether it stands now.
+    #[must_use]
+    pub fn stands(&self) -> bool {
         matches!(self.motion, RobotMotion::Rest | RobotMotion::Servo { .. })
             && self.actual().qd.iter().all(|qd| qd.abs() < 1e-4)
     }
@@ -305,6 +321,7 @@ impl SimulatedRobot {
         again.digital_inputs = self.digital_inputs;
         again.tcp_offset = self.tcp_offset;
         again.payload = self.payload;
+        again.payload_inertia = self.payload_inertia;
         again.halt();
         *self = again;
     }
@@ -362,12 +379,14 @@ impl SimulatedRobot {
         }
         let changes = self.arm.joints().qd.into_iter().zip(qd);
         self.qdd.iter_mut().zip(changes).for_each(|(qdd, (after, before))| *qdd = (after - before) / dt);
+        let still = self.stands() && self.target.qd.iter().all(|qd| qd.abs() < 1e-4);
+        self.still_cycles = if still { self.still_cycles.saturating_add(1) } else { 0 };
         self.check(scaling);
     }
 
     fn check(&mut self, scaling: f64) {
         let overdue = self.safety.braking_for(self.cycle).map(|cycles| cycles as f64 * self.dt());
-        let stands = !self.mode.brakes_released() || self.steady();
+        let stands = !self.mode.brakes_released() || self.stands();
         if overdue.is_some_and(|since_s| stands || since_s >= MOST_STOP_S) {
             self.power_off();
         }

@@ -81,7 +81,7 @@ fn a_stop_amid_a_servo_motion_is_gentle_and_comes_to_rest() {
     let moving = robot.actual().q[0];
     robot.brake(4.0);
     let hardest = run(&mut robot, 200);
-    assert!(robot.steady() && robot.motion == RobotMotion::Rest);
+    assert!(robot.stands() && robot.motion == RobotMotion::Rest);
     // v²/2a = 0.125 rad; no jump to the target that was 34 ms ahead.
     let way = robot.actual().q[0] - moving;
     assert!((way - 0.125).abs() < 0.01 && hardest < 8.0, "{way} {hardest}");
@@ -122,7 +122,7 @@ fn an_emergency_stop_brakes_and_takes_the_power() {
     run(&mut robot, 100);
     assert_eq!((robot.mode, robot.safety.number()), (RobotMode::PowerOff, 1));
     assert!(!robot.ready());
-    robot.mode = RobotMode::PowerOn { until: None };
+    robot.mode = RobotMode::PowerOn { until: None, release: false };
     run(&mut robot, 260);
     assert_eq!(robot.mode, RobotMode::Idle);
     robot.mode = RobotMode::Releasing { until: None };
@@ -305,5 +305,43 @@ fn the_tools_angular_velocity_is_that_of_the_joint_that_turns_it() {
         assert!((x * x + y * y + z * z).sqrt() < 1e-6, "{x} {y} {z}");
         // The axis of the last joint points down.
         assert!(rx.abs() < 1e-3 && ry.abs() < 1e-3 && (rz + 0.5).abs() < 1e-3, "{rx} {ry} {rz}");
+    }
+}
+
+#[test]
+fn an_arm_is_steady_half_a_second_after_it_stands() {
+    for series in [Series::Cb3, Series::E] {
+        let mut robot = robot(series);
+        assert!(robot.steady());
+        let here = robot.target.q;
+        let mut to = here;
+        to[0] += 0.1;
+        robot.plan(|point| RobotMotion::Line(Trapezoid::new(point.q, to, 1.0, 2.0, 0.0)));
+        robot.step();
+        assert!(!robot.steady());
+        let stood = (0..).find(|_| {
+            robot.step();
+            robot.stands() && robot.target.qd.iter().all(|qd| *qd == 0.0)
+        });
+        assert!(stood.is_some());
+        let steady = (0..5000).find(|_| {
+            assert!(robot.stands());
+            robot.step();
+            robot.steady()
+        });
+        let waited = (f64::from(steady.unwrap()) + 2.0) * robot.dt();
+        assert!((waited - 0.5).abs() < 2.0 * robot.dt(), "{series:?}: {waited}");
+        // A servo that holds its target is steady; one that creeps is not.
+        for _ in 0..series.rate_hz() {
+            robot.servo(to, 0.1);
+            robot.step();
+        }
+        assert!(robot.steady());
+        for _ in 0..series.rate_hz() {
+            to[0] += 1e-6;
+            robot.servo(to, 0.1);
+            robot.step();
+        }
+        assert!(!robot.steady());
     }
 }

@@ -31,8 +31,8 @@ pub struct OutputFeed {
     sources: Vec<OutputSource>,
     /// Which of them each field is: a client may ask for one a thousand times.
     fields: Vec<usize>,
-    /// Times a second; `None` where it was never set up.
-    frequency_hz: Option<f64>,
+    /// A package is due every so many cycles; `None` where it was never set up.
+    every: Option<u64>,
     started: bool,
     rate_hz: f64,
 }
@@ -57,9 +57,7 @@ impl OutputFeed {
     /// Whether a package is due in `cycle`.
     #[must_use]
     pub fn due(&self, cycle: u64) -> bool {
-        let Some(frequency) = self.frequency_hz.filter(|_| self.started) else { return false };
-        let count = |cycle: u64| (cycle as f64 * frequency / self.rate_hz).floor();
-        count(cycle) > count(cycle.saturating_sub(1))
+        self.started && self.every.is_some_and(|every| cycle.is_multiple_of(every))
     }
 }
 
@@ -116,7 +114,7 @@ impl RtdeSession {
             }
             RtdeRequest::Outputs { frequency, names } => self.outputs(frequency, &names),
             RtdeRequest::Inputs { names } => self.inputs(&names, &mut world.inputs),
-            RtdeRequest::Start if self.feed.frequency_hz.is_none() => {
+            RtdeRequest::Start if self.feed.every.is_none() => {
                 vec![self.complaint("no outputs are set up".to_owned()), RtdeReply::Start(false)]
             }
             RtdeRequest::Start => {
@@ -146,8 +144,8 @@ impl RtdeSession {
         };
         let rate = self.feed.rate_hz;
         let frequency = frequency.unwrap_or(rate);
-        if !(frequency > 0.0 && frequency <= rate) {
-            return refused(self, format!("{frequency} Hz is not above 0 and at most {rate}"));
+        if !(1.0..=rate).contains(&frequency) {
+            return refused(self, format!("{frequency} Hz is not from 1 to {rate}"));
         }
         if names.len() > MOST_FIELDS {
             return refused(self, format!("more than {MOST_FIELDS} fields"));
@@ -173,7 +171,8 @@ impl RtdeSession {
                 }
                 self.feed.fields.push(field);
             }
-            self.feed.frequency_hz = Some(frequency);
+            // Whole cycles, as the guide has it: no rate is missed, but one that divides none is exceeded.
+            self.feed.every = Some((rate / frequency).floor() as u64);
             id = 1;
         }
         vec![RtdeReply::Outputs { recipe: second.then_some(id), answers }]

@@ -14,6 +14,8 @@ pub enum RobotMode {
     PowerOn {
         /// Cycle in which it does; `None` until the first cycle.
         until: Option<u64>,
+        /// Brakes are to be released then.
+        release: bool,
     },
     /// 5: powered, brakes engaged.
     Idle,
@@ -58,10 +60,12 @@ impl RobotMode {
     pub fn step(&mut self, cycle: u64, rate_hz: u32) {
         let takes = HALF_SECONDS * u64::from(rate_hz) / 2;
         match self {
-            Self::PowerOn { until } | Self::Releasing { until } if until.is_none() => {
+            Self::PowerOn { until, .. } | Self::Releasing { until } if until.is_none() => {
                 *until = Some(cycle.saturating_add(takes));
             }
-            Self::PowerOn { until: Some(until) } if cycle >= *until => *self = Self::Idle,
+            Self::PowerOn { until: Some(until), release } if cycle >= *until => {
+                *self = if *release { Self::Releasing { until: None } } else { Self::Idle };
+            }
             Self::Releasing { until: Some(until) } if cycle >= *until => *self = Self::Running,
             _ => {}
         }

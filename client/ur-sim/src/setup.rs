@@ -18,7 +18,7 @@ pub(super) struct ModbusSignal {
 }
 
 /// What programs have set.
-#[derive(Debug, Clone, Default, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct ProgramSetup {
     settings: BTreeMap<String, String>,
     pub(super) modbus: BTreeMap<String, ModbusSignal>,
@@ -26,8 +26,23 @@ pub struct ProgramSetup {
     pub tool_voltage: i32,
     /// 0: digital outputs; 1: both supply power.
     pub tool_output_mode: u8,
+    /// Of each digital output of the tool: 1 sinking, 2 sourcing, 3 push-pull.
+    pub tool_digital_output_modes: [u8; 2],
     /// A bit each of the standard analog inputs, then of the outputs: 1 is a voltage, 0 a current.
     pub analog_domains: u32,
+}
+
+impl Default for ProgramSetup {
+    fn default() -> Self {
+        Self {
+            settings: BTreeMap::new(),
+            modbus: BTreeMap::new(),
+            tool_voltage: 0,
+            tool_output_mode: 0,
+            tool_digital_output_modes: [1; 2],
+            analog_domains: 0,
+        }
+    }
 }
 
 impl ProgramSetup {

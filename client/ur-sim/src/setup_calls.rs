@@ -6,9 +6,17 @@
 //!
 //! *Source*: script manual, modules "internals", "interfaces" and "ioconfiguration".
 
-use super::machine::{Hands, Result, number};
+use super::machine::{Hands, Result, number, number_or};
 use super::setup::{LONGEST_VALUE, MOST_SETTINGS, ModbusSignal};
 use crate::script::{MachineCall, Value};
+
+/// Largest component of a payload's inertia \[kg m²\].
+const MOST_INERTIA: f64 = 133.0;
+
+/// Of the tool's connector.
+const BAUD_RATES: [i32; 8] = [9600, 19200, 38400, 57600, 115_200, 1_000_000, 2_000_000, 5_000_000];
+/// Longest name of a signal of modbus \[characters\].
+const LONGEST_SIGNAL: usize = 20;
 
 /// Parameters of a setting, and how many must be given.
 struct Signature {
@@ -30,7 +38,7 @@ const fn each(name: &'static str, parameters: &'static [&'static str], required:
 const SIGNATURES: &[Signature] = &[
     once("set_tcp", &["pose", "tcp_name"], 1),
     once("set_payload", &["m", "cog"], 1),
-    once("set_target_payload", &["m", "cog", "inertia", "transition_time"], 1),
+    once("set_target_payload", &["m", "cog", "inertia", "transition_time"], 2),
     once("set_payload_mass", &["m"], 1),
     once("set_payload_cog", &["CoG"], 1),
     once("set_gravity", &["d"], 1),
@@ -84,6 +92,35 @@ fn text<'a>(value: Option<&'a Value>, name: &str) -> Result<&'a str> {
 fn whole(value: Option<&Value>, name: &str, range: std::ops::RangeInclusive<i32>) -> Result<i32> {
     let number = value.and_then(Value::as_integer).filter(|number| range.contains(number));
     number.ok_or_else(|| format!("wants a number from {} to {} for {name}", range.start(), range.end()))
+}
+
+/// The last port of the kind that a setting's name tells.
+fn last_port(name: &str) -> i32 {
+    if name.contains("_gp_boolean_") {
+        127
+    } else if name.contains("_tool_") || name.contains("_analog_") {
+        1
+    } else {
+        7
+    }
+}
+
+fn centre(value: Option<&Value>) -> Result<[f64; 3]> {
+    let centre = value.and_then(Value::as_numbers::<3>).ok_or("wants three numbers for cog")?;
+    let near = centre.iter().all(|number| number.abs() < 1e3);
+    if near { Ok(centre) } else { Err("wants a centre of gravity within metres".to_owned()) }
+}
+
+/// The bounds are the manual's.
+fn inertia(value: Option<&Value>) -> Result<[f64; 6]> {
+    let inertia = value.and_then(Value::as_numbers::<6>).ok_or("wants six numbers for inertia")?;
+    if !inertia.iter().all(|number| number.abs() <= MOST_INERTIA) {
+        return Err(format!("wants an inertia within {MOST_INERTIA} kg m²"));
+    }
+    if inertia.iter().take(3).any(|number| *number < 0.0) {
+        return Err("wants no negative Ixx, Iyy, Izz".to_owned());
+    }
+    Ok(inertia)
 }
 
 impl Hands<'_> {
@@ -140,16 +177,23 @@ impl Hands<'_> {
                 if !(0.0..=100.0).contains(&mass) {
                     return Err("wants a mass from 0 to 100 kg".to_owned());
                 }
-                let cog = second.map(|cog| cog.as_numbers::<3>().ok_or("wants three numbers for cog"));
-                self.robot.payload.0 = mass;
-                if let Some(cog) = cog.transpose()? {
-                    self.robot.payload.1 = cog;
+                let centre = match second {
+                    Some(cog) => centre(Some(cog))?,
+                    None if name == "set_payload" => {
+                        let [x, y, z, ..] = self.robot.tcp_offset;
+                        [x, y, z]
+                    }
+                    None => self.robot.payload.1,
+                };
+                // The older calls take the inertia back.
+                let inertia = third.map_or(Ok([0.0; 6]), |third| inertia(Some(third)))?;
+                if number_or(fourth, "transition_time", 0.0)? < 0.0 {
+                    return Err("wants no negative transition_time".to_owned());
                 }
+                self.robot.payload = (mass, centre);
+                self.robot.payload_inertia = inertia;
             }
-            "set_payload_cog" => {
-                let cog = first.and_then(Value::as_numbers::<3>).ok_or("wants three numbers for CoG")?;
-                self.robot.payload.1 = cog;
-            }
+            "set_payload_cog" => self.robot.payload.1 = centre(first)?,
             "set_gravity" => {
                 first.and_then(Value::as_numbers::<3>).ok_or("wants three numbers for d")?;
             }
@@ -159,6 +203,13 @@ impl Hands<'_> {
             },
             "set_tool_output_mode" => {
                 self.robot.setup.tool_output_mode = u8::try_from(whole(first, "mode", 0..=1)?).unwrap_or(0);
+            }
+            "set_tool_digital_output_mode" => {
+                let output = usize::try_from(whole(first, "n", 0..=1)?).unwrap_or(0);
+                let mode = u8::try_from(whole(second, "mode", 1..=3)?).unwrap_or(1);
+                if let Some(place) = self.robot.setup.tool_digital_output_modes.get_mut(output) {
+                    *place = mode;
+                }
             }
             "set_standard_analog_input_domain" | "set_analog_outputdomain" => {
                 let shift = if name == "set_analog_outputdomain" { 2 } else { 0 };
@@ -171,11 +222,52 @@ impl Hands<'_> {
                 whole(first, "port", 0..=1)?;
                 whole(second, "domain", 0..=1)?;
             }
+            "set_runstate_standard_digital_output_to_value"
+            | "set_runstate_configurable_digital_output_to_value"
+            | "set_runstate_tool_digital_output_to_value"
+            | "set_runstate_standard_analog_output_to_value"
+            | "set_runstate_gp_boolean_output_to_value" => {
+                whole(first, "outputId", 0..=last_port(name))?;
+                whole(second, "state", 0..=7)?;
+            }
+            "set_standard_digital_input_action"
+            | "set_configurable_digital_input_action"
+            | "set_tool_digital_input_action"
+            | "set_gp_boolean_input_action" => {
+                whole(first, "port", 0..=last_port(name))?;
+                match text(second, "action")? {
+                    "default" | "freedrive" => {}
+                    other => return Err(format!("knows default and freedrive, not {other:?}")),
+                }
+            }
+            "set_safety_mode_transition_hardness" => {
+                whole(first, "type", 0..=1)?;
+            }
+            "set_tool_communication" => {
+                first.and_then(Value::as_bool).ok_or("wants a truth value for enabled")?;
+                if !second.and_then(Value::as_integer).is_some_and(|rate| BAUD_RATES.contains(&rate)) {
+                    return Err(format!("wants one of {BAUD_RATES:?} for baud_rate"));
+                }
+                whole(third, "parity", 0..=2)?;
+                whole(fourth, "stop_bits", 1..=2)?;
+                let [.., sixth, _, _] = *given;
+                for (value, name, least) in [(fifth, "rx_idle_chars", 1.0), (sixth, "tx_idle_chars", 0.0)] {
+                    if !(least..=40.0).contains(&number(value, name)?) {
+                        return Err(format!("wants a number from {least} to 40 for {name}"));
+                    }
+                }
+            }
             "modbus_add_signal" => {
+                text(first, "IP")?;
+                whole(second, "slave_number", 0..=255)?;
+                whole(third, "signal_address", 0..=65535)?;
+                if text(fifth, "signal_name")?.chars().count() > LONGEST_SIGNAL {
+                    return Err(format!("wants a signal_name of at most {LONGEST_SIGNAL} characters"));
+                }
                 let kind = whole(fourth, "signal_type", 0..=3)?;
-                let signal = text(fifth, "signal_name")?.chars().take(LONGEST_VALUE).collect();
+                let signal = text(fifth, "signal_name")?.to_owned();
                 let signals = &mut self.robot.setup.modbus;
-                if signals.len() >= MOST_SETTINGS {
+                if signals.len() >= MOST_SETTINGS && !signals.contains_key(&signal) {
                     return Err(format!("has more than {MOST_SETTINGS} signals"));
                 }
                 signals.insert(signal, ModbusSignal { bit: kind < 2, value: 0 });

@@ -6,8 +6,8 @@
 //! *Source*: script manual 5.11, module "interfaces", `socket_...`.
 
 use super::machine::{Hands, Result, number, number_or};
-use super::sockets::ProgramSocket;
-use crate::script::{Called, List, MachineCall, Value};
+use super::sockets::{ProgramSocket, SocketOwner, find};
+use crate::script::{Called, List, MachineCall, ThreadId, Value};
 
 /// The name where a program gives none.
 const USUAL: &str = "socket_0";
@@ -15,10 +15,12 @@ const USUAL: &str = "socket_0";
 const USUAL_WAIT_S: f64 = 2.0;
 /// Numbers that one call reads at most.
 const MOST_NUMBERS: i32 = 30;
-/// Longest string that one call reads \[bytes\].
-const LONGEST_STRING: usize = 1024;
-/// Instructions that reading and looking through what came takes, for each so many bytes of it.
-const BYTES_PER_INSTRUCTION: usize = 64;
+/// Longest string that one call reads \[bytes\]; of a longer one it reads the beginning.
+const LONGEST_STRING: usize = 1023;
+/// Longest numbers in brackets \[bytes\]: thirty, each with more digits than a float has, and blanks.
+const LONGEST_NUMBERS: usize = 2048;
+/// An instruction is counted for so many bytes that are sent, received, looked through or taken.
+const BYTES_PER_INSTRUCTION: usize = 16;
 
 fn socket_name(value: Option<&Value>) -> Result<String> {
     match value {
@@ -44,21 +46,29 @@ fn numbers(read: Vec<Value>, wanted: usize, missing: &Value) -> Result<Value> {
     List::new(list).map(Value::List)
 }
 
-/// Where `wanted` begins in `bytes`.
-fn find(bytes: &[u8], wanted: &[u8]) -> Option<usize> {
-    bytes.windows(wanted.len().max(1)).position(|window| window == wanted)
+/// The bytes that a value is sent as, or that mark something.
+fn written(value: &Value) -> Vec<u8> {
+    value.as_bytes().map_or_else(|| value.to_string().into_bytes(), <[u8]>::to_vec)
 }
 
-fn escaped(text: &str) -> String {
-    text.replace("\\n", "\n").replace("\\r", "\r").replace("\\t", "\t")
+fn escaped(text: &[u8]) -> Vec<u8> {
+    let mut escaped = Vec::with_capacity(text.len());
+    let mut rest = text;
+    while let Some((first, others)) = rest.split_first() {
+        let meant = match (first, others.first()) {
+            (b'\\', Some(b'n')) => Some(b'\n'),
+            (b'\\', Some(b'r')) => Some(b'\r'),
+            (b'\\', Some(b't')) => Some(b'\t'),
+            _ => None,
+        };
+        escaped.push(meant.unwrap_or(*first));
+        rest = others.get(usize::from(meant.is_some())..).unwrap_or_default();
+    }
+    escaped
 }
 
-fn text(bytes: &[u8]) -> Value {
-    Value::text(&String::from_utf8_lossy(bytes))
-}
-
-/// Takes what one call reads out of a socket, if all of it is there.
-type Take<'a> = &'a dyn Fn(&mut ProgramSocket) -> Result<Option<Value>>;
+/// Takes what one call reads out of a socket, if all of it is there. Counts the bytes that it looked at.
+type Take<'a> = &'a dyn Fn(&mut ProgramSocket, &mut usize) -> Result<Option<Value>>;
 
 impl Hands<'_> {
     pub(super) fn socket(&mut self, call: &MachineCall<'_>) -> Result<Called> {
@@ -78,11 +88,11 @@ impl Hands<'_> {
             }
             "socket_send_string" | "socket_send_line" => {
                 let [sent, name] = arguments.bind(["str", "socket_name"])?;
-                let mut sent = sent.ok_or("wants something to send")?.to_string();
+                let mut sent = written(sent.ok_or("wants something to send")?);
                 if call.name == "socket_send_line" {
-                    sent.push('\n');
+                    sent.push(b'\n');
                 }
-                self.socket_send(&socket_name(name)?, sent.as_bytes())
+                self.socket_send(&socket_name(name)?, &sent)
             }
             "socket_send_int" => {
                 let [value, name] = arguments.bind(["value", "socket_name"])?;
@@ -108,9 +118,9 @@ impl Hands<'_> {
                 if call.first {
                     self.socket_send(&socket, format!("GET {name}\n").as_bytes())?;
                 }
-                self.socket_read(call, &socket, USUAL_WAIT_S, Value::Integer(0), &|socket| {
-                    let Some(end) = find(socket.inbox(), b"\n") else { return Ok(None) };
-                    let line = String::from_utf8_lossy(&socket.take(end + 1)).into_owned();
+                self.socket_read(call, &socket, USUAL_WAIT_S, Value::Integer(0), &|socket, looked_at| {
+                    let Some(line) = take_line(socket, looked_at) else { return Ok(None) };
+                    let line = String::from_utf8_lossy(&line).into_owned();
                     let value = line.trim().strip_prefix(name).and_then(|rest| rest.trim().parse().ok());
                     Ok(Some(Value::Integer(value.unwrap_or(0))))
                 })
@@ -133,19 +143,18 @@ impl Hands<'_> {
             // The manual's own default for it is a string.
             let escape = escape.is_some_and(|escape| escape.as_bool() == Some(true));
             let mark = |value: Option<&Value>| {
-                let mark = value.map(ToString::to_string).unwrap_or_default();
-                if escape { escaped(&mark) } else { mark }.trim_start_matches(' ').to_owned()
+                let mark = value.map(written).unwrap_or_default();
+                let mark = if escape { escaped(&mark) } else { mark };
+                let blanks = mark.iter().take_while(|byte| **byte == b' ').count();
+                mark.get(blanks..).unwrap_or_default().to_vec()
             };
             let (prefix, suffix) = (mark(prefix), mark(suffix));
             let line = call.name == "socket_read_line";
-            let take: Take<'_> = &|socket| {
+            let take: Take<'_> = &|socket, looked_at| {
                 if line {
-                    let Some(end) = find(socket.inbox(), b"\n") else { return Ok(None) };
-                    let taken = socket.take(end + 1);
-                    let line = taken.strip_suffix(b"\n").unwrap_or(&taken);
-                    return Ok(Some(text(line.strip_suffix(b"\r").unwrap_or(line))));
+                    return Ok(take_line(socket, looked_at).map(|line| Value::bytes(&line)));
                 }
-                Ok(read_string(socket, prefix.as_bytes(), suffix.as_bytes()))
+                Ok(read_string(socket, &prefix, &suffix, looked_at))
             };
             return self.socket_read(call, &socket_name(name)?, timeout, Value::text(""), take);
         }
@@ -157,10 +166,9 @@ impl Hands<'_> {
             "socket_read_ascii_float" => {
                 let missing = Value::Float(f64::NAN);
                 let none = numbers(Vec::new(), wanted, &missing)?;
-                self.socket_read(call, &name, timeout, none, &|socket| {
-                    let Some(end) = find(socket.inbox(), b")") else { return Ok(None) };
-                    let taken = String::from_utf8_lossy(&socket.take(end + 1)).into_owned();
-                    let inside = taken.trim_end_matches(')').split_once('(').map_or("", |(_, inside)| inside);
+                self.socket_read(call, &name, timeout, none, &|socket, looked_at| {
+                    let Some(inside) = take_bracket(socket, looked_at) else { return Ok(None) };
+                    let inside = String::from_utf8_lossy(&inside).into_owned();
                     let read: Option<Vec<Value>> = inside
                         .split(',')
                         .take(wanted)
@@ -172,7 +180,8 @@ impl Hands<'_> {
             bytes => {
                 let size = if bytes == "socket_read_byte_list" { 1 } else { 4 };
                 let none = numbers(Vec::new(), wanted, &missing)?;
-                self.socket_read(call, &name, timeout, none, &|socket| {
+                self.socket_read(call, &name, timeout, none, &|socket, looked_at| {
+                    *looked_at = wanted * size;
                     if socket.inbox().len() < wanted * size {
                         return Ok(None);
                     }
@@ -189,7 +198,9 @@ impl Hands<'_> {
 
     fn socket_open(&mut self, call: &MachineCall<'_>, name: &str, host: &str, port: u16) -> Result<Called> {
         let opened = if call.first {
-            self.sockets.open(name, host, port).map_or_else(|why| Some(Err(why)), |()| None)
+            let secondary = call.thread >= ThreadId::SECONDARY;
+            let owner = if secondary { SocketOwner::Secondary } else { SocketOwner::Program };
+            self.sockets.open(owner, name, host, port).map_or_else(|why| Some(Err(why)), |()| None)
         } else {
             self.sockets.opened(name)
         };
@@ -229,10 +240,10 @@ impl Hands<'_> {
             self.waits.remove(&call.thread);
             return Ok(Called::Value(none));
         };
-        let open = socket.receive();
-        let looked_through = socket.inbox().len();
-        let taken = take(socket)?;
-        self.spend_on(looked_through);
+        let (open, came) = socket.receive();
+        let mut looked_at = 0;
+        let taken = take(socket, &mut looked_at)?;
+        self.spend_on(came.saturating_add(looked_at));
         if taken.is_none() && open && !over {
             return Ok(Called::Wait);
         }
@@ -246,25 +257,88 @@ impl Hands<'_> {
     }
 }
 
-/// All that has come, or what stands between both marks; what stands before the first is gone then.
-fn read_string(socket: &mut ProgramSocket, prefix: &[u8], suffix: &[u8]) -> Option<Value> {
-    let from = if prefix.is_empty() { 0 } else { find(socket.inbox(), prefix)? + prefix.len() };
+/// The place of `end`, not behind `longest` bytes from `from` on. Where there are so many without it: that
+/// many, and no end.
+fn end_of(
+    socket: &ProgramSocket,
+    from: usize,
+    end: &[u8],
+    longest: usize,
+    looked_at: &mut usize,
+) -> Option<(usize, bool)> {
     let rest = socket.inbox().get(from..).unwrap_or_default();
-    let length = if suffix.is_empty() {
-        Some(rest.len()).filter(|length| *length > 0)?
-    } else {
-        match find(rest, suffix) {
-            Some(length) => length,
-            // What is longer than a string may be is cut, so that it does not wait for ever.
-            None if rest.len() >= LONGEST_STRING => LONGEST_STRING,
-            None => return None,
-        }
-    };
-    let cut = length.min(LONGEST_STRING);
-    let ended = !suffix.is_empty() && rest.get(length..).is_some_and(|rest| rest.starts_with(suffix));
-    let taken = socket.take(from + cut);
-    if ended && cut == length {
-        socket.take(suffix.len());
+    let within = rest.get(..longest.saturating_add(end.len())).unwrap_or(rest);
+    *looked_at = looked_at.saturating_add(within.len());
+    match find(within, end) {
+        Some(length) => Some((length, true)),
+        None => (within.len() >= longest.saturating_add(end.len())).then_some((longest, false)),
     }
-    Some(text(taken.get(from..).unwrap_or_default()))
+}
+
+/// A line without its end; the beginning of one that is longer than a string may be, so that nobody waits
+/// behind it for ever.
+fn take_line(socket: &mut ProgramSocket, looked_at: &mut usize) -> Option<Vec<u8>> {
+    // A carriage return before the end is no part of the line.
+    let (length, ended) = end_of(socket, 0, b"\n", LONGEST_STRING + 1, looked_at)?;
+    if !ended || length > LONGEST_STRING && socket.inbox().get(LONGEST_STRING) != Some(&b'\r') {
+        return Some(socket.take(LONGEST_STRING));
+    }
+    let mut line = socket.take(length);
+    socket.discard(1);
+    line.pop_if(|last| *last == b'\r');
+    Some(line)
+}
+
+/// Finds `prefix` and forgets what stands before it; also where it is not there and no more can come.
+fn go_to(socket: &mut ProgramSocket, prefix: &[u8], looked_at: &mut usize) -> bool {
+    if socket.inbox().starts_with(prefix) {
+        return true;
+    }
+    let search = socket.find(prefix);
+    *looked_at = looked_at.saturating_add(search.looked_at);
+    match search.at {
+        Some(at) => socket.discard(at),
+        // Its beginning may be the end of what has come.
+        None if socket.is_full() => socket.discard(socket.inbox().len() - (prefix.len() - 1)),
+        None => {}
+    }
+    search.at.is_some()
+}
+
+/// What stands in the first pair of brackets; nothing where that is longer than numbers are.
+fn take_bracket(socket: &mut ProgramSocket, looked_at: &mut usize) -> Option<Vec<u8>> {
+    if !go_to(socket, b"(", looked_at) {
+        return None;
+    }
+    let (length, ended) = end_of(socket, 1, b")", LONGEST_NUMBERS, looked_at)?;
+    socket.discard(1);
+    let inside = socket.take(length);
+    socket.discard(usize::from(ended));
+    Some(if ended { inside } else { Vec::new() })
+}
+
+/// All that has come, or what stands between both marks; what stands before the first is gone then.
+fn read_string(
+    socket: &mut ProgramSocket,
+    prefix: &[u8],
+    suffix: &[u8],
+    looked_at: &mut usize,
+) -> Option<Value> {
+    if !go_to(socket, prefix, looked_at) {
+        return None;
+    }
+    let length = if suffix.is_empty() {
+        let rest = socket.inbox().len().saturating_sub(prefix.len());
+        *looked_at = looked_at.saturating_add(rest.min(LONGEST_STRING));
+        (Some(rest.min(LONGEST_STRING)).filter(|length| *length > 0)?, false)
+    } else {
+        end_of(socket, prefix.len(), suffix, LONGEST_STRING, looked_at)?
+    };
+    socket.discard(prefix.len());
+    let (length, ended) = length;
+    let taken = socket.take(length);
+    if ended {
+        socket.discard(suffix.len());
+    }
+    Some(Value::bytes(&taken))
 }

@@ -43,12 +43,41 @@ enum Link {
     Closed,
 }
 
+/// Whose a socket is, the program's or a secondary program's: it ends with that.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SocketOwner {
+    Program,
+    Secondary,
+}
+
 /// One connection of a program.
 #[derive(Debug)]
 pub(super) struct ProgramSocket {
+    owner: SocketOwner,
     link: Link,
+    /// What came; before `taken` it is of no use any more.
     inbox: Vec<u8>,
+    taken: usize,
+    searched: Searched,
     outbox: Vec<u8>,
+}
+
+/// How far the inbox has been looked through for a mark that is not there: what waits for it does not begin
+/// anew in every cycle.
+#[derive(Debug, Default)]
+struct Searched {
+    mark: Vec<u8>,
+    /// So many bytes of the inbox, from `taken` on, begin no mark.
+    bytes: usize,
+}
+
+/// What a search through an inbox found, and what it took.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct MarkSearch {
+    /// Where the mark begins.
+    pub(super) at: Option<usize>,
+    /// Bytes that were looked at.
+    pub(super) looked_at: usize,
 }
 
 /// All connections of a program, by name.
@@ -71,7 +100,7 @@ impl ProgramSockets {
     /// # Errors
     ///
     /// [`NotOpened::TooMany`], or no thread.
-    pub fn open(&mut self, name: &str, host: &str, port: u16) -> Result<(), NotOpened> {
+    pub fn open(&mut self, owner: SocketOwner, name: &str, host: &str, port: u16) -> Result<(), NotOpened> {
         self.sockets.remove(name);
         let connecting = Arc::clone(&self.connecting);
         if self.sockets.len() >= MOST_SOCKETS || connecting.load(Ordering::Relaxed) >= MOST_CONNECTING {
@@ -93,7 +122,15 @@ impl ProgramSockets {
         }
         started.map_err(|error| NotOpened::Refused(address, error.to_string()))?;
         let link = Link::Connecting(told);
-        self.sockets.insert(name, ProgramSocket { link, inbox: Vec::new(), outbox: Vec::new() });
+        let socket = ProgramSocket {
+            owner,
+            link,
+            inbox: Vec::new(),
+            taken: 0,
+            searched: Searched::default(),
+            outbox: Vec::new(),
+        };
+        self.sockets.insert(name, socket);
         Ok(())
     }
 
@@ -125,6 +162,16 @@ impl ProgramSockets {
         if let Some(mut socket) = self.sockets.remove(name) {
             socket.flush();
         }
+    }
+
+    /// What this owner has opened; it is over.
+    pub fn close_of(&mut self, owner: SocketOwner) {
+        self.sockets.retain(|_, socket| {
+            if socket.owner == owner {
+                socket.flush();
+            }
+            socket.owner != owner
+        });
     }
 
     /// The program is over.
@@ -178,12 +225,13 @@ impl ProgramSocket {
         }
     }
 
-    /// Reads what has come; whether more may come.
-    pub(super) fn receive(&mut self) -> bool {
+    /// Reads what has come; whether more may come, and how many bytes came.
+    pub(super) fn receive(&mut self) -> (bool, usize) {
         let mut buffer = [0; 4096];
-        while self.inbox.len() < MOST_BYTES {
+        let before = self.inbox().len();
+        while self.inbox().len() < MOST_BYTES {
             let Link::Open(stream) = &mut self.link else { break };
-            let room = buffer.len().min(MOST_BYTES - self.inbox.len());
+            let room = buffer.len().min(MOST_BYTES - self.inbox.len().saturating_sub(self.taken));
             match stream.read(buffer.get_mut(..room).unwrap_or_default()) {
                 Ok(0) => self.link = Link::Closed,
                 Ok(count) => self.inbox.extend_from_slice(buffer.get(..count).unwrap_or_default()),
@@ -192,18 +240,67 @@ impl ProgramSocket {
                 Err(_) => self.link = Link::Closed,
             }
         }
-        matches!(self.link, Link::Open(_))
+        (matches!(self.link, Link::Open(_)), self.inbox().len().saturating_sub(before))
     }
 
     /// What has come and was not taken yet.
     pub(super) fn inbox(&self) -> &[u8] {
-        &self.inbox
+        self.inbox.get(self.taken..).unwrap_or_default()
+    }
+
+    /// No more can come before something is taken.
+    pub(super) fn is_full(&self) -> bool {
+        self.inbox().len() >= MOST_BYTES
+    }
+
+    /// Looks for `mark` where it was not looked for yet.
+    pub(super) fn find(&mut self, mark: &[u8]) -> MarkSearch {
+        if self.searched.mark != mark {
+            self.searched = Searched { mark: mark.to_vec(), bytes: 0 };
+        }
+        let from = self.searched.bytes;
+        let rest = self.inbox().get(from..).unwrap_or_default();
+        let length = rest.len();
+        match find(rest, mark) {
+            Some(at) => MarkSearch { at: Some(from + at), looked_at: at + mark.len() },
+            None => {
+                self.searched.bytes = from + (length + 1).saturating_sub(mark.len());
+                MarkSearch { at: None, looked_at: length }
+            }
+        }
     }
 
     /// Takes the first `count` bytes.
     pub(super) fn take(&mut self, count: usize) -> Vec<u8> {
-        self.inbox.drain(..count.min(self.inbox.len())).collect()
+        let taken = self.inbox().get(..count).unwrap_or(self.inbox()).to_vec();
+        self.discard(taken.len());
+        taken
     }
+
+    /// Forgets the first `count` bytes.
+    pub(super) fn discard(&mut self, count: usize) {
+        self.taken = self.taken.saturating_add(count).min(self.inbox.len());
+        self.searched.bytes = self.searched.bytes.saturating_sub(count);
+        // Moving the rest costs no more than what was taken did.
+        if self.taken * 2 >= self.inbox.len() {
+            self.inbox.drain(..self.taken);
+            self.taken = 0;
+        }
+    }
+}
+
+/// Where `mark` begins in `bytes`; one of no length begins at once.
+pub(super) fn find(bytes: &[u8], mark: &[u8]) -> Option<usize> {
+    let Some(&first) = mark.first() else { return Some(0) };
+    let mut from = 0;
+    while let Some(at) = bytes.get(from..)?.iter().position(|byte| *byte == first) {
+        from += at;
+        if bytes.get(from..)?.starts_with(mark) {
+            return Some(from);
+        }
+        from += 1;
+    }
+    None
 }
 
 fn connect(host: &str, port: u16, any_host: bool) -> Result<TcpStream, NotOpened> {

@@ -20,6 +20,7 @@ struct TroubleState {
     /// Whose line is cut, everybody's where nobody is named, and until when.
     cuts: Vec<(Option<IpAddr>, Instant)>,
     away_until: Option<Instant>,
+    shut_down: bool,
     off: Vec<Service>,
     delay: Duration,
     jitter: Duration,
@@ -49,7 +50,14 @@ impl Trouble {
 
     /// All connections end; all ports are closed for this long.
     pub fn reboot(&self, away: Duration) {
-        self.lock().away_until = Instant::now().checked_add(away);
+        let mut state = self.lock();
+        state.away_until = Instant::now().checked_add(away);
+        state.shut_down = false;
+    }
+
+    /// All ports are closed until a reboot.
+    pub fn shut_down(&self) {
+        self.lock().shut_down = true;
     }
 
     /// Switches a service on or off.
@@ -75,7 +83,7 @@ impl Trouble {
     pub fn is_on(&self, service: Service) -> bool {
         let state = self.lock();
         let away = state.away_until.is_some_and(|until| Instant::now() < until);
-        service == Service::Faults || !(away || state.off.contains(&service))
+        service == Service::Faults || !(away || state.shut_down || state.off.contains(&service))
     }
 
     /// Nothing may go to or come from the client at `address`.

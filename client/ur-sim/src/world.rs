@@ -1,16 +1,16 @@
 //! The controller's state behind one lock: robot, inputs, registers, program, log. One call is one control
 //! cycle.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 use super::arrival::{Arrival, MOST_ARRIVALS};
 use super::inputs::InputVariables;
-use super::machine::{Away, Hands, MOST_MESSAGES, Registers, Watchdog};
+use super::machine::{Away, Hands, MOST_MESSAGES, MovingThread, Registers, Watchdog};
 use super::motion::RobotMotion;
 use super::options::ControllerOptions;
 use super::robot::SimulatedRobot;
 use super::safety::{ProtectiveReason, RobotMode};
-use super::sockets::ProgramSockets;
+use super::sockets::{ProgramSockets, SocketOwner};
 use super::statements::InterpreterDesk;
 use crate::script::{Interpreted, Program, Progress, ScriptError, ScriptRun, Statements, ThreadId};
 use foretrace_ur::primary::MessageContent;
@@ -60,8 +60,6 @@ pub struct World {
     /// Messages that wait for ports 30001 and 30002.
     pub messages: VecDeque<MessageContent>,
     program: Option<Running>,
-    /// The program that was sent last, for `play`.
-    loaded: Option<(Program, String)>,
     /// Whose place another program took.
     retired: Option<Program>,
     /// What has come and was not looked at yet.
@@ -71,7 +69,9 @@ pub struct World {
     watchdogs: Vec<Watchdog>,
     waits: BTreeMap<ThreadId, u64>,
     sockets: ProgramSockets,
-    mover: Option<ThreadId>,
+    mover: Option<MovingThread>,
+    /// Threads whose popup waits to be closed.
+    pub(super) popups: BTreeSet<ThreadId>,
     reported: Option<ProtectiveReason>,
     /// In which cycle a program ended last.
     ended: Option<u64>,
@@ -91,7 +91,6 @@ impl World {
             operational_mode: "NONE",
             messages: VecDeque::new(),
             program: None,
-            loaded: None,
             retired: None,
             arrivals: VecDeque::new(),
             interpreter: InterpreterDesk::default(),
@@ -99,6 +98,7 @@ impl World {
             waits: BTreeMap::new(),
             sockets: ProgramSockets::new(options.any_host),
             mover: None,
+            popups: BTreeSet::new(),
             reported: None,
             ended: None,
         }
@@ -119,11 +119,10 @@ impl World {
         }
     }
 
-    /// Name of the running program, else of the one that was sent last.
+    /// Name of the running program; empty without one.
     #[must_use]
     pub fn program_name(&self) -> &str {
-        let loaded = || self.loaded.as_ref().map_or("", |(_, name)| name);
-        self.program.as_ref().map_or_else(loaded, |running| &running.name)
+        self.program.as_ref().map_or("", |running| &running.name)
     }
 
     /// The line at which the program is, from 1; 0 without one.
@@ -172,6 +171,7 @@ impl World {
             watchdogs: &mut self.watchdogs,
             waits: &mut self.waits,
             mover: &mut self.mover,
+            popups: &mut self.popups,
             messages: &mut self.messages,
             sockets: &mut self.sockets,
             spent: 0,
@@ -221,17 +221,8 @@ impl World {
             Arrival::Script(Ok(program)) => {
                 let name = if program.name().is_empty() { "script" } else { program.name() };
                 let name = name.chars().take(LONGEST_NAME).collect();
-                // One that is refused leaves what runs alone, and what was loaded.
-                match self.lend(|hands| ScriptRun::new(&program, hands)) {
-                    Err(error) => {
-                        self.fail(error);
-                        self.retired = Some(program);
-                    }
-                    Ok(_) => {
-                        self.retired = self.loaded.replace((program, name)).map(|(program, _)| program);
-                        self.start();
-                    }
-                }
+                self.start(&program, name);
+                self.retired = Some(program);
             }
         }
     }
@@ -250,39 +241,36 @@ impl World {
                 Progress::Running | Progress::Finished => Ok(()),
             }
         });
+        self.sockets.close_of(SocketOwner::Secondary);
         if let Err(error) = result {
             self.fail(error);
         }
     }
 
-    /// Starts the program that was sent last, or lets the paused one go on; whether there is one and it may
-    /// run.
+    /// Lets the paused program go on; whether there is one and it may. There is no program of the pendant
+    /// that could be started, and one that came over a socket never becomes that.
     pub fn play(&mut self) -> bool {
-        if self.robot.paused && self.program.is_some() {
-            self.robot.paused = !self.robot.ready();
-            return self.robot.ready();
-        }
-        self.start()
-    }
-
-    fn start(&mut self) -> bool {
-        let Some((program, name)) = self.loaded.clone() else { return false };
-        self.stop();
-        if !self.robot.ready() {
-            self.say(MessageContent::Text("The program cannot start: the robot is not ready".to_owned()));
+        if !(self.robot.paused && self.program.is_some()) {
             return false;
         }
-        match self.lend(|hands| ScriptRun::new(&program, hands)) {
-            Err(error) => {
-                self.fail(error);
-                false
-            }
-            Ok(run) => {
-                self.say_of_program("PROGRAM_XXX_STARTED", name.clone());
-                self.program = Some(Running { run, name });
-                true
-            }
+        self.robot.paused = !self.robot.ready();
+        self.robot.ready()
+    }
+
+    /// Starts a program in the place of the one that runs; one that is refused leaves that alone.
+    fn start(&mut self, program: &Program, name: String) {
+        let run = match self.lend(|hands| ScriptRun::new(program, hands)) {
+            Err(error) => return self.fail(error),
+            Ok(run) => run,
+        };
+        self.stop();
+        self.sockets.close_all();
+        if !self.robot.ready() {
+            self.say(MessageContent::Text("The program cannot start: the robot is not ready".to_owned()));
+            return;
         }
+        self.say_of_program("PROGRAM_XXX_STARTED", name.clone());
+        self.program = Some(Running { run, name });
     }
 
     /// Pauses the program, if one runs.
@@ -333,15 +321,20 @@ impl World {
     /// Power on, in steps of its own time.
     pub fn power_on(&mut self) {
         if self.robot.mode == RobotMode::PowerOff && self.robot.safety.lets_power_on() {
-            self.robot.mode = RobotMode::PowerOn { until: None };
+            self.robot.mode = RobotMode::PowerOn { until: None, release: false };
         }
     }
 
-    /// Releases the brakes; powers on where needed is an act of its own.
-    pub fn brake_release(&mut self) {
-        if matches!(self.robot.mode, RobotMode::Idle | RobotMode::PowerOn { .. }) {
-            self.robot.mode = RobotMode::Releasing { until: None };
+    /// Releases the brakes, and powers on before where the power is off; whether the safety system lets it.
+    pub fn brake_release(&mut self) -> bool {
+        match &mut self.robot.mode {
+            RobotMode::PowerOff if !self.robot.safety.lets_power_on() => return false,
+            RobotMode::PowerOff => self.robot.mode = RobotMode::PowerOn { until: None, release: true },
+            RobotMode::PowerOn { release, .. } => *release = true,
+            RobotMode::Idle => self.robot.mode = RobotMode::Releasing { until: None },
+            RobotMode::Releasing { .. } | RobotMode::Backdrive | RobotMode::Running => {}
         }
+        true
     }
 
     /// Power off; the program ends.

@@ -46,6 +46,7 @@ pub(super) enum Op {
     Kill,
     Join,
     Halt,
+    Pause,
     EnterCritical,
     ExitCritical,
     /// Waits for statements and runs them; takes the arguments of `interpreter_mode` when it begins.

@@ -24,6 +24,8 @@ pub(super) const LIST_ELEMENTS: usize = 4096;
 pub(super) const LIST_DEPTH: u8 = 4;
 /// Length of a string \[bytes\].
 pub(super) const STRING_BYTES: usize = 16_384;
+/// Length of a string that `str_cat` or `to_str` makes: the manual's \[bytes\].
+pub(super) const MADE_STRING_BYTES: usize = 1023;
 /// What all values of a run may hold, in elements (see `Value::weight`).
 pub(super) const WEIGHT: usize = 1 << 20;
 /// Elements made between two countings of `WEIGHT`.

@@ -89,6 +89,9 @@ pub trait Machine {
 
     fn call(&mut self, call: &MachineCall<'_>) -> Called;
 
+    /// The program says `pause`: it goes on when it is cycled again.
+    fn pause(&mut self) {}
+
     /// What the calls since it was last asked took, in instructions, beside one for each and what their
     /// arguments hold. A machine that calculates tells it here: a program then has so many less in its cycle.
     fn spent(&mut self) -> u32 {

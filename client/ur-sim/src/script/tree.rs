@@ -58,6 +58,7 @@ pub(super) enum Do {
     Kill(Expression),
     Join(Expression),
     Halt,
+    Pause,
     EnterCritical,
     ExitCritical,
     Pass,

@@ -14,7 +14,8 @@ pub enum Value {
     Bool(bool),
     Integer(i32),
     Float(f64),
-    Text(Arc<str>),
+    /// A string: bytes, as a controller counts them; what it is sent may be in any code.
+    Text(Arc<[u8]>),
     /// A list or a matrix.
     List(List),
     /// Position \[m\] and rotation vector \[rad\].
@@ -68,7 +69,13 @@ impl List {
 impl Value {
     #[must_use]
     pub fn text(text: &str) -> Self {
-        Self::Text(Arc::from(text))
+        Self::bytes(text.as_bytes())
+    }
+
+    /// A string of these bytes.
+    #[must_use]
+    pub fn bytes(bytes: &[u8]) -> Self {
+        Self::Text(Arc::from(bytes))
     }
 
     /// A list of floats.
@@ -141,9 +148,15 @@ impl Value {
         if let Self::Bool(truth) = self { Some(*truth) } else { None }
     }
 
-    /// The string, if it is one.
+    /// The string, if it is one and its bytes are UTF-8.
     #[must_use]
     pub fn as_text(&self) -> Option<&str> {
+        self.as_bytes().and_then(|bytes| std::str::from_utf8(bytes).ok())
+    }
+
+    /// The bytes of the string, if it is one.
+    #[must_use]
+    pub fn as_bytes(&self) -> Option<&[u8]> {
         if let Self::Text(text) = self { Some(text) } else { None }
     }
 
@@ -161,7 +174,7 @@ impl Value {
     }
 }
 
-/// As `textmsg` and `to_str` write it, at most about 100 kB.
+/// As `textmsg` and messages write it, at most about 100 kB.
 impl fmt::Display for Value {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let row = |f: &mut fmt::Formatter<'_>, items: &mut dyn Iterator<Item = &dyn fmt::Display>| {
@@ -179,7 +192,7 @@ impl fmt::Display for Value {
             Self::Bool(false) => f.write_str("False"),
             Self::Integer(number) => write!(f, "{number}"),
             Self::Float(number) => write!(f, "{number:?}"),
-            Self::Text(text) => f.write_str(text),
+            Self::Text(text) => f.write_str(&String::from_utf8_lossy(text)),
             Self::Thread(thread) => write!(f, "thread {}", thread.number()),
             Self::List(list) => {
                 f.write_str("[")?;

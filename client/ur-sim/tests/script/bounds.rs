@@ -105,7 +105,7 @@ end";
 
 #[test]
 fn values_are_bounded() {
-    fails("s = \"0123456789\"\nwhile True:\n  s = str_cat(s, s)\nend", "longer than 16384 bytes");
+    fails("s = \"0123456789\"\nwhile True:\n  s = str_cat(s, s)\nend", "longer than 1023 bytes");
     fails("l = make_list(4096, 0)\nl = [l, l]", "at most 4096 elements");
     fails("l = make_list(5000, 0)", "0 to 4096 elements");
     fails("l = make_list(-1, 0)", "0 to 4096 elements");

@@ -304,3 +304,42 @@ fn named_arguments_reach_the_machine_with_their_names() {
 fn the_defaults_of_motions_have_values() {
     assert_eq!(value("[a_joint_default, v_tool_default]"), "[1.4, 0.25]");
 }
+
+#[test]
+fn none_is_a_value_and_what_a_function_without_a_value_gives() {
+    let program = r"def nothing():
+  return None
+end
+def bare():
+  return
+end
+def given(x=None):
+  if x == None:
+    return 1
+  end
+  return x
+end
+x = None
+textmsg(x, nothing() == None, bare() == x, given(), given(5))
+textmsg([1, None], None != 0)
+x = 3
+textmsg(x == None)
+";
+    assert_eq!(
+        content(&program.replace("textmsg(x, ", "textmsg(")),
+        ["TrueTrue15", "[1, None]True", "False"]
+    );
+    assert_eq!(value("None"), "None");
+    let (line, _, message) = crate::machine::error("None = 3");
+    assert!(line == 1 && message.contains("can be assigned"), "{message}");
+    let (_, _, message) = crate::machine::error("if None:\n  sync()\nend");
+    assert!(message.contains("a truth value wanted"), "{message}");
+}
+
+#[test]
+fn pause_is_a_statement_that_may_be_written_like_a_call() {
+    assert_eq!(content("pause\ntextmsg(\"on\")"), ["on"]);
+    assert_eq!(content("if True:\n  pause()\nend\ntextmsg(\"on\")"), ["on"]);
+    let (_, _, message) = crate::machine::error("x = pause");
+    assert!(message.contains("a value wanted"), "{message}");
+}

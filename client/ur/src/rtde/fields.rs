@@ -77,6 +77,8 @@ pub const OUTPUTS: &[FieldRow] = &[
     ("euromap67_24V_current", Double, ALWAYS),
     ("tool_mode", Uint32, ALWAYS),
     ("tool_output_mode", Uint8, e_since(0)),
+    ("tool_digital_output0_mode", Uint8, e_since(2)),
+    ("tool_digital_output1_mode", Uint8, e_since(2)),
     ("tool_analog_input_types", Uint32, ALWAYS),
     ("tool_analog_input0", Double, ALWAYS),
     ("tool_analog_input1", Double, ALWAYS),
@@ -88,7 +90,7 @@ pub const OUTPUTS: &[FieldRow] = &[
     ("collision_detection_ratio", Double, since(15, 10)),
     ("time_scale_source", Int32, e_since(17)),
     ("tcp_offset", Vector6d, [(12, 0), (5, 1)]),
-    ("script_control_line", Uint32, ALWAYS),
+    ("script_control_line", Uint32, since(14, 9)),
     ("payload", Double, [(11, 0), (5, 1)]),
     ("payload_cog", Vector3d, [(11, 0), (5, 1)]),
     ("payload_inertia", Vector6d, since(15, 11)),
@@ -197,6 +199,14 @@ mod tests {
         assert_eq!(input("speed_slider_mask", (3, 15, 0)), Some(Uint32));
         assert_eq!(output("speed_slider_mask", (3, 15, 0)), None);
         assert_eq!(output("", (5, 11, 0)), None);
+        for name in ["tool_digital_output0_mode", "tool_digital_output1_mode"] {
+            assert_eq!(output(name, (5, 2, 0)), Some(Uint8));
+            assert_eq!((output(name, (5, 1, 9)), output(name, (3, 15, 0))), (None, None));
+        }
+        for (version, has) in [((3, 13, 9), false), ((3, 14, 0), true), ((5, 8, 9), false), ((5, 9, 0), true)]
+        {
+            assert_eq!(output("script_control_line", version), has.then_some(Uint32), "{version:?}");
+        }
         for (version, has) in [((3, 11, 9), false), ((3, 12, 0), true), ((5, 5, 0), false), ((5, 5, 1), true)]
         {
             assert_eq!(output("tcp_offset", version), has.then_some(Vector6d), "{version:?}");

@@ -30,7 +30,7 @@ fn count(length: usize) -> Value {
 /// Elements of a list, letters of a string.
 pub(super) fn length(arguments: &[Value]) -> Result<Value, String> {
     match value(arguments, 0) {
-        Value::Text(text) => Ok(count(text.chars().count())),
+        Value::Text(text) => Ok(count(text.len())),
         _ => items(arguments, 0).map(|items| count(items.len())),
     }
 }

@@ -231,6 +231,7 @@ impl Compiler {
             Do::Kill(thread) => self.of_thread(thread, Op::Kill)?,
             Do::Join(thread) => self.of_thread(thread, Op::Join)?,
             Do::Halt => self.simple(Op::Halt, position),
+            Do::Pause => self.simple(Op::Pause, position),
             Do::EnterCritical => self.simple(Op::EnterCritical, position),
             Do::ExitCritical => self.simple(Op::ExitCritical, position),
             Do::Evaluate(expression) => {

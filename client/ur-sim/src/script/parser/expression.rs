@@ -132,6 +132,10 @@ impl Parser {
                     self.step();
                     Give::Value(Value::Bool(matches!(word.as_str(), "True" | "true")))
                 }
+                "None" => {
+                    self.step();
+                    Give::Value(Value::None)
+                }
                 "run" => {
                     self.step();
                     let name = self.name()?;

@@ -8,7 +8,7 @@ use super::limits;
 use super::tree::{Do, Expression, Function, Give, Scope, ScriptStatement, Sort};
 
 /// Words that are not names.
-const KEYWORDS: [&str; 28] = [
+const KEYWORDS: [&str; 30] = [
     "def",
     "thread",
     "sec",
@@ -26,6 +26,7 @@ const KEYWORDS: [&str; 28] = [
     "kill",
     "join",
     "halt",
+    "pause",
     "pass",
     "and",
     "or",
@@ -35,6 +36,7 @@ const KEYWORDS: [&str; 28] = [
     "False",
     "true",
     "false",
+    "None",
     "enter_critical",
     "exit_critical",
 ];
@@ -200,6 +202,7 @@ impl Parser {
             "continue" => Do::Continue,
             "pass" => Do::Pass,
             "halt" => self.bare(Do::Halt)?,
+            "pause" => self.bare(Do::Pause)?,
             "enter_critical" => self.bare(Do::EnterCritical)?,
             "exit_critical" => self.bare(Do::ExitCritical)?,
             _ => {

@@ -60,6 +60,8 @@ pub struct ScriptRun {
 /// Why a thread no longer runs in this cycle.
 enum ThreadStop {
     Waits,
+    /// No thread runs on in this cycle.
+    Pauses,
     UsedUp,
     Joins,
     Over,
@@ -166,7 +168,7 @@ impl ScriptRun {
                 self.threads.iter().position(|thread| thread.as_ref().is_some_and(|t| t.id == holder))
         {
             let over = self.turn(at, &mut left, machine)?;
-            if over || self.holder.is_some() {
+            if over || self.holder.is_some() || left == 0 {
                 return Ok(over);
             }
         }
@@ -208,6 +210,11 @@ impl ScriptRun {
             Ok(ThreadStop::Waits) => {
                 thread.rests = true;
                 thread.used_up = 0;
+            }
+            Ok(ThreadStop::Pauses) => {
+                thread.rests = true;
+                thread.used_up = 0;
+                *left = 0;
             }
             Ok(ThreadStop::Joins) => thread.used_up = 0,
             Ok(ThreadStop::UsedUp) => {

@@ -193,6 +193,14 @@ impl ScriptRun {
                 }
             }
             Op::Halt => return Ok(Some(ThreadStop::Halts)),
+            Op::Pause if self.own == ThreadId::SECONDARY => {
+                return Err("a secondary program cannot pause".to_owned());
+            }
+            Op::Pause => {
+                machine.pause();
+                thread.at = next;
+                return Ok(Some(ThreadStop::Pauses));
+            }
             Op::EnterCritical => thread.critical = true,
             Op::ExitCritical => thread.critical = false,
             Op::EndInterpreter => {
