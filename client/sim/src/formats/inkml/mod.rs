@@ -14,15 +14,17 @@
 
 mod context;
 mod trace;
+mod datetime;
 mod document;
+mod clock;
 
-use crate::data::{Character, Component, FileError, Quantity, Recording, decoded, settle};
-use context::{InkContext, PointLayout};
+use crate::data::{Character, Component, FileError, Quantity, Recording, Remark, decoded, settle};
+use clock::{InkClock, contexts};
+use context::PointLayout;
 use document::{Document, GroupItem, Referent, SyntaxFault, Trace};
 use foretrace_config::files::shortened_path;
 use std::collections::HashSet;
 use std::path::Path;
-use std::rc::Rc;
 
 const POINTS_MAX: usize = 20_000_000;
 const COMPONENT_COST: usize = 4;
@@ -43,12 +45,18 @@ pub(crate) fn parse_inkml(bytes: &[u8], path: &Path) -> Result<Recording, FileEr
     let document = document::read(text).map_err(refused)?;
     let whole = |why: String| FileError::whole(path, why);
     let scale = InkScale::of(&document).map_err(whole)?;
-    let clock = InkClock::of(&document);
+    let clock = InkClock::of(&document).map_err(whole)?;
     let mut segments = characters(&document, &scale, &clock).map_err(refused)?;
     let settled = settle(&mut segments, clock.stated_hz()).map_err(whole)?;
-    let (rate_hz, remarks) = match settled {
-        Some((cadence, remarks)) => (Some(cadence.rate_hz), remarks),
-        None => (clock.rates_hz.first().copied(), Vec::new()),
+    let mut remarks = document.remarks();
+    let rate_hz = match (settled, &document.no_rate) {
+        (Some((cadence, of_stamps)), no_rate) => {
+            let unused = no_rate.as_ref().map(|(_, why)| Remark::new(format!("{why}; its stamps count")));
+            remarks.extend(of_stamps.into_iter().chain(clock.remark()).chain(unused));
+            Some(cadence.rate_hz)
+        }
+        (None, Some(no_rate)) => return Err(refused(no_rate.clone())),
+        (None, None) => clock.first_rate_hz(),
     };
     if !segments.iter().any(|c| c.components.iter().any(|c| c.contact)) {
         return Err(FileError::whole(path, "no ink: the file has no trace with points"));
@@ -97,56 +105,6 @@ impl InkScale {
             None => layout.turn,
         }
     }
-}
-
-/// How traces without a T channel pass.
-struct InkClock {
-    /// As stated by the contexts in use, each once.
-    rates_hz: Vec<f64>,
-}
-
-impl InkClock {
-    fn of(document: &Document) -> Self {
-        let mut rates_hz: Vec<f64> = Vec::new();
-        for rate_hz in contexts(document).filter_map(|context| context.rate_hz()) {
-            if !rates_hz.contains(&rate_hz) {
-                rates_hz.push(rate_hz);
-            }
-        }
-        Self { rates_hz }
-    }
-
-    /// The rate of the whole file.
-    fn stated_hz(&self) -> Option<f64> {
-        self.rates_hz.first().copied().filter(|_| self.rates_hz.len() == 1)
-    }
-
-    /// Stamps of the points of `trace`: of its T channel, else by its own rate or duration where that tells
-    /// more than the rate of the file; empty where nothing does.
-    fn stamps_s(&self, trace: &Trace, layout: &PointLayout) -> Vec<f64> {
-        let count = trace.points.xy.len();
-        if let Some(first) = trace.points.times.first() {
-            // A channel that begins at zero counts from where the trace does.
-            let begin_s = trace.offset_s.filter(|_| *first == 0.0).unwrap_or(layout.t_begin_s);
-            return trace.points.times.iter().map(|t| begin_s + t * layout.t_unit_s).collect();
-        }
-        let rate_hz = trace.context.rate_hz().filter(|_| self.rates_hz.len() > 1 || trace.offset_s.is_some());
-        let lasting = trace.duration_s.filter(|_| self.rates_hz.is_empty() && count > 1);
-        let step_s = rate_hz.map(|hz| 1.0 / hz).or(lasting.map(|s| s / (count - 1) as f64));
-        let begin_s = trace.offset_s.unwrap_or_default();
-        step_s.map_or(Vec::new(), |step_s| (0..count).map(|k| begin_s + k as f64 * step_s).collect())
-    }
-}
-
-/// The contexts of traces with points, each where another comes before it.
-fn contexts(document: &Document) -> impl Iterator<Item = &Rc<InkContext>> {
-    let mut last: Option<&Rc<InkContext>> = None;
-    let traces = document.traces.iter().filter(|t| !t.points.xy.is_empty());
-    traces.map(|t| &t.context).filter(move |context| {
-        let other = last.is_none_or(|last| !Rc::ptr_eq(last, context));
-        last = Some(context);
-        other
-    })
 }
 
 fn characters(
