@@ -82,6 +82,8 @@ fn groups_are_characters_and_the_nearest_label_counts() {
         [("a", vec![[1.0, -1.0], [2.0, -2.0]]), ("\"&", vec![[3.0, -3.0]]), ("", vec![[4.0, -4.0]])]
     );
     assert_eq!(r.segments[0].writer, "w1");
+    let [outside] = &r.remarks[..] else { panic!("{:?}", r.remarks) };
+    assert!(outside.count == 1 && outside.what.contains("outside every group"), "{outside}");
 }
 
 #[test]
@@ -95,6 +97,7 @@ fn views_label_traces_as_groups_do() {
 </traceGroup></ink>"##,
     );
     assert_eq!(inked(&r), [("x", vec![[2.0, -2.0], [3.0, -3.0]]), ("y", vec![[1.0, -1.0]])]);
+    assert_eq!(r.remarks, []);
     let whole = good(
         r##"<ink><traceGroup xml:id="g"><trace>1 1</trace><traceGroup><trace>2 2</trace></traceGroup></traceGroup>
 <traceView><annotation type="truth">k</annotation><traceView traceDataRef="#g"/></traceView></ink>"##,

@@ -12,7 +12,7 @@ const STATED_APART: f64 = 0.1;
 pub(super) struct InkClock {
     /// As stated by the contexts in use, each once.
     rates_hz: Vec<f64>,
-    /// The rhythm of T where that alone stamps points, and is even.
+    /// The rhythm of T where that alone stamps points, and rises in even steps.
     even: Option<Cadence>,
     /// What stamps count from: the begin of the first trace with T \[ms\], and its first T, in a unit of so
     /// many seconds.
@@ -44,8 +44,9 @@ impl InkClock {
             }
             steps_s.extend(times.windows(2).map(|w| (w[1] - w[0]) * layout.t_unit_s));
         }
-        let others = document.traces.iter().filter(|trace| trace.points.times.is_empty());
-        if !others.into_iter().any(|trace| clock.step_s(trace).is_some()) {
+        let mut others = document.traces.iter().filter(|trace| trace.points.times.is_empty());
+        let only_t = !others.any(|trace| clock.step_s(trace).is_some());
+        if only_t && steps_s.iter().all(|step_s| *step_s > 0.0) {
             clock.even = Cadence::of(steps_s, clock.only_rate_hz()).filter(|cadence| cadence.even);
         }
         Ok(clock)

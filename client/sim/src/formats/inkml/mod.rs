@@ -5,8 +5,9 @@
 //! them, and take them from groups without a label. A file without groups is one character, labelled by the
 //! document's own annotation. Y is turned upwards (InkML's own direction is down). Time: the T channel, from
 //! the timestamp of its `respectTo` or context on; else `sampleRate`; else `duration` of the traces; else 100
-//! Hz (assumed). Length: the channel's `resolution`, else its `units`. A trace that names no context has the
-//! one in force, else the only one that the file defines.
+//! Hz (assumed). Points without T are placed by the others of their trace. Length: the channel's
+//! `resolution`, else its `units`. A trace that names no context has the one in force, else the only one that
+//! the file defines.
 //!
 //! Absent: brushes, canvases, mappings, archives of several documents, views of parts of a trace, channels
 //! other than X, Y and T. Traces outside every group are left out where there are groups. Source: W3C
@@ -46,9 +47,10 @@ pub(crate) fn parse_inkml(bytes: &[u8], path: &Path) -> Result<Recording, FileEr
     let whole = |why: String| FileError::whole(path, why);
     let scale = InkScale::of(&document).map_err(whole)?;
     let clock = InkClock::of(&document).map_err(whole)?;
-    let mut segments = characters(&document, &scale, &clock).map_err(refused)?;
+    let (mut segments, outside) = characters(&document, &scale, &clock).map_err(refused)?;
     let settled = settle(&mut segments, clock.stated_hz()).map_err(whole)?;
     let mut remarks = document.remarks();
+    remarks.extend(Remark::counted(outside, "strokes stand outside every group, and are left out"));
     let rate_hz = match (settled, &document.no_rate) {
         (Some((cadence, of_stamps)), no_rate) => {
             let unused = no_rate.as_ref().map(|(_, why)| Remark::new(format!("{why}; its stamps count")));
@@ -107,11 +109,12 @@ impl InkScale {
     }
 }
 
+/// With the number of strokes that belong to none of them.
 fn characters(
     document: &Document,
     scale: &InkScale,
     clock: &InkClock,
-) -> Result<Vec<Character>, SyntaxFault> {
+) -> Result<(Vec<Character>, u64), SyntaxFault> {
     let groups = &document.groups;
     let mut budget = POINTS_MAX;
     // Which group each run of ink belongs to; the document itself is group 0.
@@ -135,6 +138,11 @@ fn characters(
         }
     }
     let grouped = owned.iter().skip(1).any(|traces| !traces.is_empty());
+    let inside: HashSet<usize> = owned.iter().skip(usize::from(grouped)).flatten().copied().collect();
+    let is_outside = |(index, trace): &(usize, &Trace)| {
+        trace.contact && !trace.points.xy.is_empty() && !inside.contains(index)
+    };
+    let outside = document.traces.iter().enumerate().filter(is_outside).count() as u64;
     let mut characters = Vec::new();
     for (index, traces) in owned.iter().enumerate().skip(usize::from(grouped)) {
         let Some(group) = groups.get(index) else { continue };
@@ -151,7 +159,7 @@ fn characters(
             components,
         });
     }
-    Ok(characters)
+    Ok((characters, outside))
 }
 
 /// The nearest group with a label, the document aside; else the group itself.
