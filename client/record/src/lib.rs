@@ -58,6 +58,10 @@ pub enum RecordError {
     #[error("{}: {what}, and it ends early, {damage}; `foretrace record --repair` keeps \
              what comes before", path.display())]
     Unread { path: PathBuf, what: String, damage: String },
+    /// Damaged before any message: there is nothing to mend either.
+    #[error("{}: {what}, and it ends early, {damage}; no message stands before that: copy it again, or record \
+             anew", path.display())]
+    NothingBefore { path: PathBuf, what: String, damage: String },
     /// Nothing in it can be saved.
     #[error("{} holds no message that can be read{}; no file was written: copy it again, or record anew",
             path.display(), damage.as_ref().map_or_else(String::new, |damage| format!(": it ends early, {damage}")))]

@@ -81,7 +81,8 @@ pub struct RecordingReader {
     records: McapRecords<BufReader<File>>,
     channels: BTreeMap<u16, Channel>,
     schemas: BTreeMap<u16, Arc<Schema>>,
-    /// Messages of channels that the file does not tell of.
+    /// Messages so far, and those of them of channels that the file does not tell of.
+    messages: u64,
     orphans: u64,
 }
 
@@ -114,6 +115,7 @@ impl RecordingReader {
             records: McapRecords::begin(file, about.len()).map_err(failed)?.map_err(none)?,
             channels: BTreeMap::new(),
             schemas: BTreeMap::new(),
+            messages: 0,
             orphans: 0,
         })
     }
@@ -164,7 +166,11 @@ impl RecordingReader {
         const NAMED: (usize, usize) = (4, 60);
         let (path, what) = (self.path.clone(), what.to_owned());
         if let Some(damage) = self.damage() {
-            return Some(RecordError::Unread { path, what, damage });
+            return Some(if self.messages > self.orphans {
+                RecordError::Unread { path, what, damage }
+            } else {
+                RecordError::NothingBefore { path, what, damage }
+            });
         }
         let raw = |channel: &Channel| channel.topic.is_some_and(RecordingTopic::is_raw);
         if self.channels.values().any(raw) {
@@ -200,10 +206,9 @@ impl RecordingReader {
     fn enter(&mut self, parsed: Result<ParsedRecord, String>) -> Option<RecordingEntry> {
         match parsed {
             Ok(ParsedRecord::Entry(entry)) => {
-                if let RecordingEntry::Message(message) = &entry
-                    && !self.channels.contains_key(&message.channel)
-                {
-                    self.orphans += 1;
+                if let RecordingEntry::Message(message) = &entry {
+                    self.messages += 1;
+                    self.orphans += u64::from(!self.channels.contains_key(&message.channel));
                 }
                 return Some(entry);
             }

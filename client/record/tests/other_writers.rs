@@ -196,6 +196,12 @@ fn what_cannot_be_read_is_told_by_everything_with_its_place() {
         assert!(told.contains(words) && told.contains("no file was written") && !mended.exists(), "{told}");
         assert!(!folder.path().join("mended.mcap.partial").exists());
     }
+    // Nothing stands before the damage that could be mended.
+    let path = file(&folder, "mark.mcap", mcap::MAGIC);
+    for (who, answer) in answers(&path, true) {
+        let why = answer.unwrap_err();
+        assert!(why.contains("no message stands before that") && !why.contains("--repair"), "{who}: {why}");
+    }
 }
 
 #[test]

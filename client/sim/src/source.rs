@@ -165,7 +165,7 @@ fn recordings(
             let words = DataSet::splits(path).map_err(wrong)?;
             let split = if words.iter().any(|word| word == "test") { Split::test() } else { Split::All };
             let set = DataSet::load_in(path, &split, false, options.units).map_err(wrong)?;
-            notes.extend(set.errors.iter().map(ToString::to_string));
+            notes.extend(set.errors.iter().chain(&set.damaged).map(ToString::to_string));
             recordings.extend(set.files.into_iter().map(|file| file.recording));
         } else {
             let recording = load_recording_in(path, options.units).map_err(wrong)?;

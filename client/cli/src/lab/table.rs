@@ -21,7 +21,7 @@ pub(super) fn load(
     let set = Set::load_in(folder, split, cold, unit.units()).map_err(|error| {
         Failure::bad_input(error, "give a data-set folder (--data) and a part of it (--split)")
     })?;
-    if let Some(first) = set.refused.first().filter(|_| strict) {
+    if let Some(first) = set.refused.iter().chain(&set.damaged).next().filter(|_| strict) {
         return Err(Failure::bad_input(first, "correct the file, or leave out --strict to skip it"));
     }
     for error in &set.refused {

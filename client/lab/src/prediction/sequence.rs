@@ -98,7 +98,7 @@ mod tests {
             remarks: Vec::new(),
         };
         let file = SetFile { file: "data/a.dat".to_owned(), recording };
-        DataSet { name: "set".to_owned(), files: vec![file], errors: Vec::new() }
+        DataSet { name: "set".to_owned(), files: vec![file], errors: Vec::new(), damaged: Vec::new() }
     }
 
     fn stroke(contact: bool, points: &[[f64; 2]]) -> Component {

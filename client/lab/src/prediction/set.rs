@@ -20,7 +20,9 @@ pub struct Set {
     pub cold: bool,
     /// Files that were left out, with reasons.
     pub refused: Vec<String>,
-    /// What of the others was not taken as it stands.
+    /// Files of which only a beginning was read, with reasons.
+    pub damaged: Vec<String>,
+    /// What of the files that are scored or trained on was not taken as it stands, damage included.
     pub remarks: Vec<String>,
 }
 
@@ -49,17 +51,20 @@ impl Set {
             let mut set = DataSet::load_in(folder, &Split::train(), false, units)?;
             // A table may put a file into several parts.
             set.files.retain(|file| scored.files.iter().all(|other| other.file != file.file));
+            set.errors.retain(|error| !scored.errors.contains(error));
+            set.damaged.retain(|damage| !scored.damaged.contains(damage));
             train = Some(set);
         }
-        let errors = scored.errors.iter().chain(train.iter().flat_map(|t| &t.errors));
+        let parts = || std::iter::once(&scored).chain(&train);
         Ok(Self {
             name: scored.name.clone(),
             split: split.to_string(),
             scored: sequences(&scored),
             train: train.as_ref().map(sequences).unwrap_or_default(),
             cold,
-            refused: errors.map(ToString::to_string).collect(),
-            remarks: scored.remarks(),
+            refused: parts().flat_map(|set| &set.errors).map(ToString::to_string).collect(),
+            damaged: parts().flat_map(|set| &set.damaged).map(ToString::to_string).collect(),
+            remarks: DataSet::remarks_of(parts()),
         })
     }
 

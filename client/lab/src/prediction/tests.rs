@@ -123,6 +123,32 @@ fn rows_have_the_documented_keys_and_null_where_unknown() {
     assert!(json["ps_b"].is_number() && json["ps_lstm"].is_number());
 }
 
+#[test]
+fn what_is_odd_in_the_part_that_is_trained_on_is_told_too() {
+    let folder = tempfile::tempdir().unwrap();
+    let csv = |odd: &str| {
+        let rows: String = (0..40)
+            .map(|k| format!("{:.3},{:.4},0,1\n", f64::from(k) * 0.005, f64::from(k) * 1e-3))
+            .collect();
+        format!("t_s,x_m,y_m,contact\n{rows}{odd}")
+    };
+    let twice = "0.195,0.1,0,1\n";
+    for (name, text) in [
+        ("split.tsv", "set\tfile\ntrain\ta.csv\ntrain\tbad.csv\ntest\tb.csv\ntest\tbad.csv\n".to_owned()),
+        ("a.csv", csv(twice)),
+        ("b.csv", csv("")),
+        ("bad.csv", "t,x\n".to_owned()),
+    ] {
+        std::fs::write(folder.path().join(name), text).unwrap();
+    }
+    let set = Set::load(folder.path(), &Split::test(), false).unwrap();
+    let [remark] = &set.remarks[..] else { panic!("{:?}", set.remarks) };
+    assert!(remark.starts_with("a.csv: 1 samples have the stamp of the one before"), "{remark}");
+    assert_eq!(set.refused.len(), 1, "a file of both parts is told once: {:?}", set.refused);
+    // Nothing is learned from, nothing is told of it.
+    assert_eq!(Set::load(folder.path(), &Split::test(), true).unwrap().remarks, Vec::<String>::new());
+}
+
 /// RMS errors \[mm\] of a pen at constant velocity, 10 and 200 ms ahead, on the one file of a folder.
 fn constant_velocity_errors(name: &str, text: &str) -> [f64; 2] {
     let folder = tempfile::tempdir().unwrap();

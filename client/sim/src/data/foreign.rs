@@ -2,6 +2,8 @@
 //!
 //! Contract: told by the first bytes, which are those of formats in wide use; of the rest nothing is guessed.
 
+use super::decoded;
+use std::borrow::Cow;
 use std::path::Path;
 
 /// A kind of file: where its first bytes stand, what they are, what it is, what to do.
@@ -64,10 +66,12 @@ const KINDS: &[ForeignKind] = &[
 
 /// What a file of `length` bytes is that begins with `head`, and what to do; `None`: nothing that is known
 /// here, or a recording.
-pub(super) fn foreign(head: &[u8], length: u64) -> Option<String> {
+pub(crate) fn foreign(head: &[u8], length: u64) -> Option<String> {
     if length == 0 && head.is_empty() {
         return Some(format!("it is empty; {AGAIN}"));
     }
+    let unmarked = unmarked(head);
+    let head = unmarked.as_ref();
     let begins =
         |ForeignKind(at, mark, ..): &&ForeignKind| head.get(*at..).is_some_and(|head| head.starts_with(mark));
     if let Some(ForeignKind(_, _, what, remedy)) = KINDS.iter().find(begins) {
@@ -92,6 +96,18 @@ pub(super) fn foreign(head: &[u8], length: u64) -> Option<String> {
         return Some(format!("it is JSON; {NOT_OURS}"));
     }
     None
+}
+
+/// The bytes behind a byte order mark, which editors and shells put before a text of any kind; UTF-16 as
+/// UTF-8.
+fn unmarked(head: &[u8]) -> Cow<'_, [u8]> {
+    match head {
+        [0xef, 0xbb, 0xbf, rest @ ..] => Cow::Borrowed(rest),
+        [0xff, 0xfe, ..] | [0xfe, 0xff, ..] => {
+            Cow::Owned(decoded(head).trim_start_matches('\u{feff}').as_bytes().to_vec())
+        }
+        _ => Cow::Borrowed(head),
+    }
 }
 
 /// Why a file of `length` bytes that begins with `head` is no MCAP file, and what to do; `None`: it is one.

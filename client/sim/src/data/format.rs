@@ -1,6 +1,6 @@
 //! The formats of recordings: recognised by contents, loaded into one form.
 
-use super::csv::{begins_csv, parse_csv_recording};
+use super::csv::{begins_csv, has_csv_header, parse_csv_recording};
 use super::file::{FileError, open, read_limited, unreadable};
 use super::hint::what_it_is;
 use super::mcap_pen::{begins_mcap, load_mcap, read_mcap};
@@ -114,9 +114,9 @@ impl Format {
     fn parse(self, bytes: &[u8], path: &Path, units: CsvUnits) -> Result<Recording, FileError> {
         // Only its name tells this format: it may be something else that is known.
         let head = bytes.get(..SNIFFED_BYTES).unwrap_or(bytes);
-        if Self::of_contents(head).is_none()
-            && let Some(what) = what_it_is(head)
-        {
+        let is_known =
+            Self::of_contents(head).is_some() || (self == Self::Csv && has_csv_header(&decoded(head)));
+        if !is_known && let Some(what) = what_it_is(head) {
             return Err(FileError::whole(path, format!("not {self}: {what}")));
         }
         match self {

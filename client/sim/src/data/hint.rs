@@ -30,7 +30,10 @@ fn written(head: &[u8]) -> Option<String> {
     if text.starts_with('<') {
         return Some("it is XML, but not InkML, whose document is <ink>".to_owned());
     }
-    if text.starts_with('{') || text.starts_with('[') {
+    // `[Recording]` begins a file of settings, or the text above a table.
+    let of_json = |c: char| c.is_ascii_digit() || "{[]\"-".contains(c);
+    let lists = |rest: &str| rest.trim_start().starts_with(of_json);
+    if text.starts_with('{') || text.strip_prefix('[').is_some_and(lists) {
         return Some("it is JSON, which is not read; write it as CSV with t_s,x_m,y_m,contact".to_owned());
     }
     let (first, second) = (text.lines().next().unwrap_or_default(), text.lines().nth(1));
@@ -90,7 +93,7 @@ mod tests {
     #[test]
     fn what_is_no_recording_is_named_with_what_to_do() {
         let tar = [&[b'a'; 257][..], b"ustar\0"].concat();
-        let cases: [(&[u8], &str); 16] = [
+        let cases: [(&[u8], &str); 18] = [
             (b"", "empty"),
             (&[0; 40], "zeros"),
             (b"version https://git-lfs.github.com/spec/v1\noid sha256:1\nsize 2\n", "git lfs pull"),
@@ -107,11 +110,14 @@ mod tests {
             (b"2\n1 2 3 0 5 6 7\n1 2 3 0 5 6 7\n", "SVC"),
             (b"0.0 1.0 2.0\n", "without a header"),
             (b"[{\"x\":1}]", "JSON"),
+            (b"[\n  [0, 1]]", "JSON"),
+            (b"[ 0.5, 1]", "JSON"),
         ];
         for (head, wanted) in cases {
             let what = what_it_is(head).unwrap_or_default();
             assert!(what.contains(wanted), "{}: {what}", head.escape_ascii());
         }
         assert_eq!(what_it_is(b"some words"), None);
+        assert_eq!(what_it_is(b"[Recording]\nDevice=A\n"), None);
     }
 }

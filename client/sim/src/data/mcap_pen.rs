@@ -3,25 +3,29 @@
 //! Contract: found by the table of fields that a recording carries, so that recordings of any version are
 //! read. Read as a stream: memory is for the samples only, and bounded.
 
-use super::Recording;
 use super::csv::{POSITION_MAX_M, RATE_HZ, recording_of};
 use super::file::{FileError, open, unreadable};
 use super::mcap_record::parse_mcap_record;
 use super::mcap_records::{McapEnd, McapRecords};
+use super::stamps::{StampJudge, StampVerdict, merged};
+use super::{Recording, Remark, shortened};
 use crate::path::{PathSample, PenPath};
 use mcap::records::Record;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::{BufReader, Read, Seek};
 use std::path::Path;
 
 /// The topic of what ticks were given, and the encoding of its messages.
 const TOPIC: &str = "/raw/input";
+const RAW: &str = "/raw/";
 const ENCODING: &str = "foretrace.wire";
 /// Schemas and channels of ours at most, and slots for samples in a message.
 const CHANNELS_MAX: usize = 256;
 const SLOTS_MAX: usize = 64;
 /// Samples at most: those of five hours at 200 Hz, 128 MB.
 const SAMPLES_MAX: usize = 4 << 20;
+/// Topics of others that are named at most, and characters of each.
+const NAMED: (usize, usize) = (4, 60);
 
 /// A pen sample as a tick was given it, in the pen's own plane.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -112,8 +116,16 @@ pub(super) fn read_mcap(from: impl Read + Seek, length: u64, path: &Path) -> Res
     let failed = |error| unreadable(path, error);
     let begun = McapRecords::begin(from, length).map_err(failed)?;
     let mut records = begun.map_err(|why| FileError::whole(path, why))?;
-    let mut pen =
-        Pen { path, tables: BTreeMap::new(), channels: BTreeMap::new(), samples: Vec::new(), from_ns: None };
+    let mut pen = Pen {
+        path,
+        tables: BTreeMap::new(),
+        channels: BTreeMap::new(),
+        others: BTreeSet::new(),
+        samples: Vec::new(),
+        from_ns: None,
+        judge: StampJudge::default(),
+        nowhere: 0,
+    };
     let mut refused = None;
     while refused.is_none()
         && let Some((kind, body)) = records.next_record().map_err(failed)?
@@ -127,28 +139,18 @@ pub(super) fn read_mcap(from: impl Read + Seek, length: u64, path: &Path) -> Res
         records.refuse(why);
     }
     let damage = records.end().and_then(McapEnd::damage);
-    let (samples, topic) = (pen.samples, !pen.channels.is_empty());
-    if samples.len() < 2 {
-        let before = damage.as_ref().map_or("", |_| " before its damage");
-        let holds = match samples.len() {
-            0 if !topic => format!("it has no topic {TOPIC}, where `foretrace record` keeps the pen"),
-            count => format!("it holds {count} pen samples{before}, a path needs 2"),
-        };
-        return Err(FileError::whole(
-            path,
-            match damage {
-                Some(damage) => format!("{holds}; it ends early, {damage}"),
-                None => format!("{holds}; record while the pen writes"),
-            },
-        ));
+    let remarks = pen.remarks()?;
+    if pen.samples.len() < 2 {
+        return Err(FileError::whole(path, pen.lack(damage)));
     }
-    let pen = PenPath::from_samples(samples);
+    let pen = PenPath::from_samples(pen.samples);
     if !RATE_HZ.contains(&pen.rate_hz) {
         let why =
             format!("the median step in time gives a rate of {} Hz; legal: 0.001 to 1000000", pen.rate_hz);
         return Err(FileError::whole(path, why));
     }
     let mut recording = recording_of(&pen, pen.rate_hz, String::new(), path);
+    recording.remarks = remarks;
     recording.damage = damage.map(|damage| {
         format!(
             "it ends early, {damage}; what comes before is read, and `foretrace record --repair` makes a whole \
@@ -164,11 +166,70 @@ struct Pen<'a> {
     /// By the numbers of their schemas.
     tables: BTreeMap<u16, Option<PenTable>>,
     channels: BTreeMap<u16, PenTable>,
+    /// Names of other topics, one more than are told.
+    others: BTreeSet<String>,
     samples: Vec<PathSample>,
     from_ns: Option<u64>,
+    judge: StampJudge,
+    /// Samples that are not in this world.
+    nowhere: u64,
 }
 
 impl Pen<'_> {
+    fn remarks(&self) -> Result<Vec<Remark>, FileError> {
+        let of_stamps = self.judge.remarks().map_err(|why| FileError::whole(self.path, why))?;
+        let what =
+            format!("samples are no position within {POSITION_MAX_M} m of the origin, and are left out");
+        Ok(of_stamps.into_iter().chain(Remark::counted(self.nowhere, &what)).collect())
+    }
+
+    /// Why there is no path: of a damaged file its damage, of another program's its topics.
+    fn lack(&self, damage: Option<String>) -> String {
+        let count = self.samples.len();
+        if let Some(damage) = damage {
+            return format!("it ends early, {damage}; {count} pen samples stand before that, a path needs 2");
+        }
+        if !self.channels.is_empty() {
+            return format!("it holds {count} pen samples, a path needs 2; record while the pen writes");
+        }
+        let mut names: Vec<&str> = self.others.iter().take(NAMED.0).map(String::as_str).collect();
+        match self.others.len() {
+            0 => names.push("it has none"),
+            more if more > NAMED.0 => names.push("…"),
+            _ => {}
+        }
+        let names = names.join(", ");
+        if self.others.iter().any(|name| name.starts_with(RAW)) {
+            return format!(
+                "it holds no topic {TOPIC}, where `foretrace record` keeps the pen (its topics: {names}); \
+                 record with that topic"
+            );
+        }
+        format!(
+            "none of its topics ({names}) is one of `foretrace record`, whose pen is read here; a pen path of \
+             another program can be given as CSV with the columns t_s,x_m,y_m,contact"
+        )
+    }
+
+    fn sample(&mut self, seen: &PenSeen) {
+        // A NaN is beyond every bound.
+        if !(seen.x_m.abs() <= POSITION_MAX_M && seen.y_m.abs() <= POSITION_MAX_M) {
+            self.nowhere += 1;
+            return;
+        }
+        let from_ns = *self.from_ns.get_or_insert(seen.stamp_ns);
+        let (ahead, behind) = (seen.stamp_ns.saturating_sub(from_ns), from_ns.saturating_sub(seen.stamp_ns));
+        let t_s = if behind > 0 { -(behind as f64) } else { ahead as f64 } * 1e-9;
+        match (self.judge.judge(t_s), self.samples.last_mut()) {
+            (StampVerdict::Merge(share), Some(last)) => {
+                [last.x_m, last.y_m] = merged([last.x_m, last.y_m], [seen.x_m, seen.y_m], share);
+                last.contact = seen.contact;
+            }
+            (StampVerdict::Backwards, _) => {}
+            _ => self.samples.push(PathSample { t_s, x_m: seen.x_m, y_m: seen.y_m, contact: seen.contact }),
+        }
+    }
+
     fn take(&mut self, record: Record<'_>) -> Result<(), FileError> {
         if self.tables.len().max(self.channels.len()) > CHANNELS_MAX {
             let why = format!("more than {CHANNELS_MAX} schemas or channels of {TOPIC}");
@@ -184,22 +245,16 @@ impl Pen<'_> {
                 })?;
                 self.channels.insert(channel.id, table);
             }
+            Record::Channel(channel) if self.others.len() <= NAMED.0 => {
+                self.others.insert(shortened(&channel.topic, NAMED.1));
+            }
             Record::Message { header, data } => {
                 let Some(table) = self.channels.get(&header.channel_id) else { return Ok(()) };
-                let (samples, from_ns) = (&mut self.samples, &mut self.from_ns);
-                let done = table.samples(&data, |seen| {
-                    let from_ns = *from_ns.get_or_insert(seen.stamp_ns);
-                    let t_s = seen.stamp_ns.saturating_sub(from_ns) as f64 * 1e-9;
-                    let rises = samples.last().is_none_or(|last| t_s > last.t_s);
-                    // A NaN is beyond every bound.
-                    let here = seen.x_m.abs() <= POSITION_MAX_M && seen.y_m.abs() <= POSITION_MAX_M;
-                    if rises && here {
-                        samples.push(PathSample { t_s, x_m: seen.x_m, y_m: seen.y_m, contact: seen.contact });
-                    }
-                });
-                done.ok_or_else(|| {
+                let mut here = Vec::with_capacity(SLOTS_MAX);
+                table.samples(&data, |seen| here.push(seen)).ok_or_else(|| {
                     FileError::whole(self.path, format!("a message of {TOPIC} is too short"))
                 })?;
+                here.iter().for_each(|seen| self.sample(seen));
                 if self.samples.len() > SAMPLES_MAX {
                     let why = format!("more than {SAMPLES_MAX} pen samples, which is the most that is read");
                     return Err(FileError::whole(self.path, why));

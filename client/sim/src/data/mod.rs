@@ -26,6 +26,8 @@ pub use csv::{CsvUnits, load_csv, write_csv};
 pub(crate) use decode::decoded;
 pub use file::FileError;
 pub use foreign::folder_for_file;
+#[cfg(feature = "formats")]
+pub(crate) use foreign::foreign;
 pub use format::{Format, load_recording, load_recording_in, parse_recording};
 pub use mcap_pen::{PenSeen, PenTable};
 pub use mcap_record::parse_mcap_record;
@@ -35,7 +37,7 @@ pub use remark::{Remark, remarks};
 pub use set::{DataSet, SetError, SetFile};
 pub use split::Split;
 #[cfg(feature = "formats")]
-pub(crate) use stamps::settle;
+pub(crate) use stamps::{Cadence, settle};
 
 use std::borrow::Cow;
 use std::path::PathBuf;

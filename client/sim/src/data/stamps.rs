@@ -18,9 +18,6 @@ const STATED_UNEVEN: f64 = 0.1;
 const GRID_NS: std::ops::RangeInclusive<u64> = 1_000_000..=1_000_000_000;
 /// Shorter steps of an uneven recording are no gaps \[s\], unless they are longer than the grid bridges.
 const UNEVEN_GAP_S: f64 = 0.05;
-/// So many short gaps, and such a share of all steps, are the rhythm of the device.
-const BURSTS_LEAST: f64 = 3.0;
-const BURSTS_SHARE: f64 = 0.1;
 const GRID_GAP_STEPS: f64 = (STEP_QUEUE_CAPACITY / 2 - 1) as f64;
 /// Rounding of stamps that count from 1970 \[s\].
 const ROUNDING_S: f64 = 1e-6;
@@ -32,7 +29,10 @@ pub(crate) struct StampJudge {
     /// Samples at the newest stamp.
     together: u32,
     merged: u64,
+    /// Of these, those at another place.
+    moved: u64,
     backwards: u64,
+    ahead: u64,
     taken: u64,
 }
 
@@ -71,20 +71,90 @@ impl StampJudge {
         self.newest_s = None;
     }
 
+    /// The point that goes on when `next` is merged with `point` by [`StampVerdict::Merge`].
+    pub(super) fn merge(&mut self, point: [f64; 2], next: [f64; 2], share: f64) -> [f64; 2] {
+        self.moved += u64::from(point != next);
+        merged(point, next, share)
+    }
+
+    /// Counts samples that [`leaps_ahead`] found, which are not judged.
+    pub(super) fn leave_out_ahead(&mut self, count: usize) {
+        self.ahead += count as u64;
+    }
+
+    /// Most places of the pen have no stamp of their own: the clock is coarser than the samples. Rows that
+    /// only repeat a sample say nothing of it.
+    pub(super) fn coarse(&self) -> Option<String> {
+        (self.moved > self.taken).then(|| {
+            format!(
+                "{} of {} samples have the stamp of the one before: the clock is coarser than the samples; write \
+                 stamps that tell them apart",
+                self.moved,
+                self.merged + self.backwards + self.ahead + self.taken
+            )
+        })
+    }
+
     /// # Errors
-    /// More samples step back than there are others: that is no clock.
+    /// More samples are out of order than there are others: that is no clock.
     pub(crate) fn remarks(&self) -> Result<Vec<Remark>, String> {
-        if self.backwards > self.taken {
+        let astray = self.backwards + self.ahead;
+        if astray > self.taken {
             return Err(format!(
-                "{} of {} stamps step back; write the samples in order of time, on one clock",
-                self.backwards,
-                self.backwards + self.taken + self.merged
+                "{astray} of {} stamps step back; write the samples in order of time, on one clock",
+                astray + self.taken + self.merged
             ));
         }
-        let merged = Remark::counted(self.merged, "samples have the stamp of the one before, and are merged");
-        let back = Remark::counted(self.backwards, "samples step back in time, and are left out");
-        Ok(merged.into_iter().chain(back).collect())
+        let counted = [
+            (self.merged, "samples have the stamp of the one before, and are merged"),
+            (self.backwards, "samples step back in time, and are left out"),
+            (self.ahead, "samples are far ahead in time of those that follow, and are left out"),
+        ];
+        Ok(counted.into_iter().filter_map(|(count, what)| Remark::counted(count, what)).collect())
     }
+}
+
+/// Samples whose stamps leap ahead of those that follow, which agree with those before: without them, far
+/// fewer step back. In order; none where stamps rise.
+pub(super) fn leaps_ahead(times: &[f64]) -> Vec<usize> {
+    let mut newest = f64::NEG_INFINITY;
+    let mut back = 0;
+    for t in times {
+        back += usize::from(*t < newest);
+        newest = newest.max(*t);
+    }
+    if back == 0 {
+        return Vec::new();
+    }
+    // The most samples whose times do not fall. From the end on: of two that do as well, the earlier stays.
+    let mut heads: Vec<(f64, usize)> = Vec::new();
+    let mut next: Vec<usize> = vec![usize::MAX; times.len()];
+    for (index, t) in times.iter().enumerate().rev() {
+        let behind = heads.partition_point(|(head, _)| head >= t);
+        if let (Some(slot), Some((_, head))) =
+            (next.get_mut(index), behind.checked_sub(1).and_then(|at| heads.get(at)))
+        {
+            *slot = *head;
+        }
+        match heads.get_mut(behind) {
+            Some(head) => *head = (*t, index),
+            None => heads.push((*t, index)),
+        }
+    }
+    // Two recordings, one behind the other, are not mixed for a few samples more.
+    if (times.len() - heads.len()) * 2 > back {
+        return Vec::new();
+    }
+    let mut kept = heads.last().map_or(usize::MAX, |(_, index)| *index);
+    let mut ahead = Vec::new();
+    for (index, t) in times.iter().enumerate() {
+        if index == kept {
+            kept = next.get(index).copied().unwrap_or(usize::MAX);
+        } else if times.get(kept).is_some_and(|following| t > following) {
+            ahead.push(index);
+        }
+    }
+    ahead
 }
 
 /// The point that goes on when `next` is merged with `point`.
@@ -115,10 +185,7 @@ impl Cadence {
         let median = *steps.get(steps.len() / 2)?;
         let seen = steps.partition_point(|step| *step <= GAP_PERIODS * median);
         let seen = steps.get(..seen).unwrap_or_default();
-        // Events that come in bursts have no gap between two bursts.
-        let short = steps.partition_point(|step| *step <= UNEVEN_GAP_S) as f64 - seen.len() as f64;
-        let bursts = short >= BURSTS_LEAST && short >= BURSTS_SHARE * steps.len() as f64;
-        let even = !bursts && seen.iter().all(|step| (step - median).abs() <= SAME_STEP_S + ROUNDING_S);
+        let even = seen.iter().all(|step| (step - median).abs() <= SAME_STEP_S + ROUNDING_S);
         let fits = |typical: f64, part: f64| stated_hz.filter(|hz| (hz * typical - 1.0).abs() <= part);
         if even {
             let rate_hz = fits(median, STATED_EVEN).unwrap_or(1.0 / median);
@@ -141,25 +208,53 @@ impl Cadence {
 /// Turns the stamps of components as a file has them into what [`Component`] promises: in order, without
 /// gaps, and none where the rate is even. `None`: no stroke has two stamps.
 ///
+/// Stamps that are no clock of the points, as those of the strokes' beginnings, or in whole seconds, are
+/// dropped where the file states a rate, and the points stay.
+///
 /// # Errors
-/// Stamps that are no clock, or too far apart for strokes.
+/// Without a stated rate: stamps that are no clock, or coarser than the points. Stamps too far apart for
+/// strokes.
 #[cfg(feature = "formats")]
 pub(crate) fn settle(
     segments: &mut [Character],
     stated_hz: Option<f64>,
 ) -> Result<Option<(Cadence, Vec<Remark>)>, String> {
     let mut judge = StampJudge::default();
-    for component in segments.iter_mut().flat_map(|c| &mut c.components) {
-        judge.restart();
-        in_order(component, &mut judge);
-    }
-    let mut remarks = judge.remarks()?;
-    let stamped = segments.iter().flat_map(|c| &c.components).map(|c| &c.stamps_s);
-    let steps = stamped.flat_map(|stamps| stamps.windows(2).map(|w| w[1] - w[0])).collect();
-    let Some(cadence) = Cadence::of(steps, stated_hz) else {
+    let components = || segments.iter().flat_map(|c| &c.components);
+    let mended: Vec<Option<StampedStroke>> = components().map(|c| in_order(c, &mut judge)).collect();
+    let steps = components().zip(&mended).flat_map(|(component, mended)| {
+        let stamps_s = mended.as_ref().map_or(&component.stamps_s, |(_, stamps_s)| stamps_s);
+        stamps_s.windows(2).map(|w| w[1] - w[0])
+    });
+    let cadence = Cadence::of(steps.collect(), stated_hz);
+    let (remarks, coarse) = (judge.remarks(), judge.coarse());
+    let lost = judge.merged + judge.backwards > 0;
+    let settled = match (cadence, remarks, coarse) {
+        (Some(cadence), Ok(remarks), None) => Some((cadence, remarks)),
+        (None, ..) if !lost => None,
+        (cadence, remarks, coarse) => match stated_hz {
+            Some(rate_hz) => {
+                let why = "the times of the points do not rise, or far more seldom than there are points: the rate \
+                           that the file states counts instead";
+                let even = Cadence { rate_hz, even: true, gap_s: GAP_PERIODS / rate_hz };
+                segments.iter_mut().flat_map(|c| &mut c.components).for_each(|c| c.stamps_s.clear());
+                return Ok(Some((even, vec![Remark::new(why)])));
+            }
+            None => match coarse.filter(|_| cadence.is_some()) {
+                Some(coarse) => return Err(coarse),
+                None => remarks.map(|_| None)?,
+            },
+        },
+    };
+    let Some((cadence, mut remarks)) = settled else {
         segments.iter_mut().flat_map(|c| &mut c.components).for_each(|c| c.stamps_s.clear());
         return Ok(None);
     };
+    for (component, mended) in segments.iter_mut().flat_map(|c| &mut c.components).zip(mended) {
+        if let Some(mended) = mended {
+            (component.points, component.stamps_s) = mended;
+        }
+    }
     if !(1e-3..=1e6).contains(&cadence.rate_hz) {
         return Err(format!(
             "the stamps give a rate of {} Hz; legal: 0.001 to 1000000; is their unit right?",
@@ -182,12 +277,23 @@ pub(crate) fn settle(
     Ok(Some((cadence, remarks)))
 }
 
+/// The points and stamps that are left of a stroke.
 #[cfg(feature = "formats")]
-fn in_order(component: &mut Component, judge: &mut StampJudge) {
+type StampedStroke = (Vec<[f64; 2]>, Vec<f64>);
+
+/// The stroke with its stamps in order; `None`: as it stands.
+#[cfg(feature = "formats")]
+fn in_order(component: &Component, judge: &mut StampJudge) -> Option<StampedStroke> {
+    judge.restart();
+    let ahead = leaps_ahead(&component.stamps_s);
+    judge.leave_out_ahead(ahead.len());
     let (mut points, mut stamps_s) = (Vec::new(), Vec::new());
-    for (point, t_s) in component.points.iter().zip(&component.stamps_s) {
+    for (index, (point, t_s)) in component.points.iter().zip(&component.stamps_s).enumerate() {
+        if ahead.binary_search(&index).is_ok() {
+            continue;
+        }
         match (judge.judge(*t_s), points.last_mut()) {
-            (StampVerdict::Merge(share), Some(last)) => *last = merged(*last, *point, share),
+            (StampVerdict::Merge(share), Some(last)) => *last = judge.merge(*last, *point, share),
             (StampVerdict::Backwards, _) => {}
             _ => {
                 points.push(*point);
@@ -195,9 +301,7 @@ fn in_order(component: &mut Component, judge: &mut StampJudge) {
             }
         }
     }
-    if !stamps_s.is_empty() {
-        (component.points, component.stamps_s) = (points, stamps_s);
-    }
+    (stamps_s.len() < component.stamps_s.len()).then_some((points, stamps_s))
 }
 
 /// Components that are parted at their gaps, with the time before each where it is more than a step.
@@ -263,76 +367,4 @@ pub(super) fn on_grid(points: &[[f64; 2]], stamps_s: &[f64], rate_hz: f64) -> Ve
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn cadence(steps_ms: &[f64], stated_hz: Option<f64>) -> Cadence {
-        Cadence::of(steps_ms.iter().map(|ms| ms * 1e-3).collect(), stated_hz).unwrap()
-    }
-
-    #[test]
-    fn steps_within_ten_microseconds_are_even_and_a_gap_is_no_step() {
-        let even = cadence(&[5.0, 5.009, 4.991, 5.0, 300.0], None);
-        assert_eq!((even.rate_hz, even.even), (1.0 / (5.0 * 1e-3), true));
-        assert!(!cadence(&[5.0, 5.02, 5.0], None).even);
-        // A stated rate holds where it fits, and not where the stamps tell otherwise.
-        assert_eq!(cadence(&[7.5, 7.5], Some(133.0)).rate_hz, 133.0);
-        assert_eq!(cadence(&[8.0, 8.0], Some(100.0)).rate_hz, 125.0);
-        assert_eq!(Cadence::of(vec![0.0, -1.0], None), None);
-    }
-
-    #[test]
-    fn an_uneven_rate_is_the_mean_and_lost_samples_do_not_lower_it() {
-        assert!((cadence(&[8.0, 24.0, 8.0, 24.0], None).rate_hz - 62.5).abs() < 1e-6);
-        let lossy: Vec<f64> = (0..50).map(|k| if k % 10 == 3 { 10.0 } else { 5.0 }).collect();
-        assert!((cadence(&lossy, None).rate_hz - 200.0).abs() < 1e-6);
-        // Whole milliseconds of a device of 133 Hz.
-        let whole: Vec<f64> =
-            (0..300).map(|k| ((k + 1) as f64 * 7.52).floor() - (k as f64 * 7.52).floor()).collect();
-        assert!((cadence(&whole, None).rate_hz - 132.98).abs() < 0.1);
-        // Finer than the loop's grid can be, and coarser.
-        assert_eq!(cadence(&[0.1, 0.2, 0.1], None).rate_hz, 1000.0);
-        // Bursts of events with the frames of a screen between them.
-        let bursts = [[1.0, 1.0, 1.0, 13.0]; 3].concat();
-        let bursts = cadence(&[bursts, vec![700.0]].concat(), None);
-        assert!((bursts.rate_hz - 250.0).abs() < 1e-6 && bursts.gap_s == 0.05, "{bursts:?}");
-    }
-
-    #[test]
-    fn equal_stamps_are_merged_and_steps_back_left_out() {
-        let mut judge = StampJudge::default();
-        let verdicts = [0.0, 1.0, 1.0, 1.0, 0.5, 2.0].map(|t_s| judge.judge(t_s));
-        let share = |n: f64| StampVerdict::Merge(1.0 / n);
-        let next = StampVerdict::Next;
-        assert_eq!(verdicts, [next, next, share(2.0), share(3.0), StampVerdict::Backwards, next]);
-        let [merged, back] = &judge.remarks().unwrap()[..] else { panic!("two remarks") };
-        assert_eq!((merged.count, back.count), (2, 1));
-        let mut judge = StampJudge::default();
-        let _ = [9.0, 1.0, 2.0, 3.0].map(|t_s| judge.judge(t_s));
-        assert!(judge.remarks().unwrap_err().starts_with("3 of 4 stamps step back"));
-        assert_eq!(
-            super::merged(super::merged([0.0, 3.0], [3.0, 3.0], 0.5), [6.0, 0.0], 1.0 / 3.0),
-            [3.0, 2.0]
-        );
-    }
-
-    #[test]
-    fn a_line_drawn_at_uneven_times_has_even_steps_on_the_grid() {
-        let stamps_s: Vec<f64> = (0..40)
-            .scan(0.0, |t, k| {
-                let now = *t;
-                *t += if k % 3 == 0 { 0.012 } else { 0.004 };
-                Some(now + 1.7e9)
-            })
-            .collect();
-        let points: Vec<[f64; 2]> =
-            stamps_s.iter().map(|t| [3e6 * (t - 1.7e9), -50.0 * (t - 1.7e9)]).collect();
-        let even = on_grid(&points, &stamps_s, 200.0);
-        assert_eq!(even.len(), ((stamps_s[39] - stamps_s[0]) / 0.005) as usize + 1);
-        for (k, [x, y]) in even.iter().enumerate() {
-            // Stamps of today's seconds are right to a quarter of a microsecond.
-            assert!((x - 15e3 * k as f64).abs() < 2.0 && (y + 0.25 * k as f64).abs() < 1e-4, "{k}: {x} {y}");
-        }
-        assert_eq!(on_grid(&[[1.0, 2.0]], &[5.0], 200.0), [[1.0, 2.0]]);
-    }
-}
+mod tests;

@@ -212,3 +212,105 @@ fn what_cannot_be_read_is_named_with_line_column_value_and_range() {
         assert!(message.starts_with(wanted), "{message}\nwanted: {wanted}");
     }
 }
+
+/// Rows of a pen that writes for 12 samples, hovers for 4 and writes again, 5 ms apart, with what `cells`
+/// tells of each: its number, and whether the pen is down.
+fn written(header: &str, cells: impl Fn(usize, bool) -> String) -> Recording {
+    let rows = (0..24).map(|k| format!("{},{k},{}\n", 5 * k, cells(k, !(12..16).contains(&k))));
+    read(&format!("t_ms,x_mm,y_mm,{header}\n{}", rows.collect::<String>())).unwrap()
+}
+
+const STROKES: [(bool, usize, Option<f64>); 3] = [(true, 12, None), (false, 4, None), (true, 8, None)];
+
+#[test]
+fn a_column_of_states_is_no_list_of_android_events() {
+    let number = |yes: bool| if yes { "1" } else { "0" };
+    let r = written("state", |_, down| format!("0,{}", number(down)));
+    assert_eq!((parts(&r), told(&r)), (STROKES.to_vec(), vec![]));
+    // A column of contact goes before it.
+    let r = written("state,contact", |_, down| format!("0,{},{}", number(!down), number(down)));
+    assert_eq!((parts(&r), told(&r)), (STROKES.to_vec(), vec!["the column state is not used".to_owned()]));
+    // States of something else.
+    let r = written("state,contact", |k, down| format!("0,{},{}", k % 5, number(down)));
+    assert_eq!(parts(&r), STROKES);
+    // UITouch: began, moved, stationary, ended, cancelled.
+    let phase = |k: usize, down: bool| match k {
+        0 | 16 => "0",
+        12 => "3",
+        _ if down => ["1", "2"][k % 2],
+        _ => "4",
+    };
+    let r = written("phase", |k, down| format!("0,{}", phase(k, down)));
+    assert_eq!(parts(&r), STROKES);
+    // The phase of an experiment begins strokes and ends none.
+    let r = written("phase,contact", |k, down| format!("0,{},{}", k / 10, number(down)));
+    assert_eq!(parts(&r), STROKES);
+    // Numbers of an event that nobody names are none of Android's.
+    let r = written("event,contact", |_, down| format!("0,{},{}", number(!down), number(down)));
+    assert_eq!(parts(&r), STROKES);
+    let r = written("action", |k, down| {
+        format!(
+            "0,{}",
+            if k == 0 || k == 16 {
+                0
+            } else if down {
+                2
+            } else {
+                1
+            }
+        )
+    });
+    assert_eq!(parts(&r), STROKES);
+}
+
+#[test]
+fn a_column_of_events_may_be_filled_where_something_changes() {
+    let change = |k: usize| match k {
+        0 | 16 => "down",
+        12 => "up",
+        _ => "",
+    };
+    let r = written("event", |k, _| format!("0,{}", change(k)));
+    assert_eq!((parts(&r), told(&r)), (STROKES.to_vec(), vec![]));
+    let r = written("type", |k, _| {
+        format!("0,{}", change(k).replace("down", "pointerdown").replace("up", "pointerup"))
+    });
+    assert_eq!(parts(&r), STROKES);
+}
+
+#[test]
+fn where_events_only_move_contact_buttons_or_pressure_tell() {
+    for (header, down, up) in [
+        ("type,isDown", "pointermove,true", "pointermove,false"),
+        ("type,hover", "pointermove,0", "pointermove,1"),
+        ("type,buttons", "pointermove,1", "pointermove,0"),
+        ("type,pressure", "pointermove,0.5", "pointermove,0"),
+        ("type,pressure", "pointermove,0.5", "pointermove,"),
+        ("action", "ACTION_MOVE", "ACTION_HOVER_MOVE"),
+        // Buttons on the pen's side: pressure tells.
+        ("pressure,buttonState", "0.5,0", "0,0"),
+        ("pressure,buttonState", "0.5,32", "0,32"),
+        ("type,pressure,buttons", "pointermove,0.5,0", "pointermove,0,0"),
+    ] {
+        let r = written(header, |_, is_down| format!("0,{}", if is_down { down } else { up }));
+        assert_eq!(parts(&r), STROKES, "{header} {down} {up}");
+    }
+}
+
+#[test]
+fn the_rate_of_uneven_stamps_is_their_mean_unless_the_file_states_one() {
+    // Whole milliseconds of a device of 133 Hz.
+    let rows = |from: &str| {
+        let row = |k: usize| format!("{:.3},0.{k:03},0,1\n", (k as f64 * 7.52).floor() * 1e-3);
+        format!("{from}t_s,x_m,y_m,contact\n{}", (0..400).map(row).collect::<String>())
+    };
+    let r = read(&rows("")).unwrap();
+    assert!((r.rate_hz - 132.98).abs() < 0.1, "{}", r.rate_hz);
+    let r = read(&rows("# foretrace-pen version=1 unit=m rate_hz=130 writer=-\n")).unwrap();
+    assert!((r.rate_hz - 130.0).abs() < 1e-3, "{}", r.rate_hz);
+    // Even ones have one over their median step, to the last bit.
+    let times = [0.0, 0.005, 0.010_004, 0.015_002];
+    let rows: String = times.iter().map(|t| format!("{t},0,0\n")).collect();
+    let r = read(&format!("t_s,x_m,y_m\n{rows}")).unwrap();
+    assert_eq!(r.rate_hz, 1.0 / (times[1] - times[0]));
+}

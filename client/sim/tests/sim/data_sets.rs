@@ -85,6 +85,34 @@ fn a_folder_without_a_table_is_all_its_files_in_order_of_name() {
 }
 
 #[test]
+fn tables_beside_recordings_are_no_recordings() {
+    let set = folder(&[("a.csv", CSV), ("labels.tsv", "file\tlabel\na.csv\tx\n"), ("old/split.tsv", "x\n")]);
+    assert_eq!(names(set.path(), &Split::All), ["a.csv"]);
+    // By their contents they are.
+    let set = folder(&[("a.tsv", &CSV.replace(',', "\t")), ("LABELS.TSV", "file\tlabel\n")]);
+    assert_eq!(names(set.path(), &Split::All), ["a.tsv"]);
+    // A part's own table is listed nowhere, also where its recordings are a part of the folder's.
+    let table = "set\tfile\ntrain\tb.csv\n";
+    let set = folder(&[("a.csv", CSV), ("in/b.csv", CSV), ("in/split.tsv", table)]);
+    assert_eq!(names(set.path(), &Split::All), ["a.csv", "in/b.csv"]);
+}
+
+#[test]
+fn a_folder_above_sets_of_one_format_names_them() {
+    let table = "set\tfile\ntrain\ta.csv\n";
+    let set = folder(&[
+        ("one/a.csv", CSV),
+        ("one/split.tsv", table),
+        ("two/a.csv", CSV),
+        ("two/split.tsv", table),
+        ("README.md", "words"),
+    ]);
+    let refused = message(set.path(), DataSet::load(set.path(), &Split::All, false));
+    assert!(refused.ends_with("; it holds sets of its own, name one of them: one, two"), "{refused}");
+    assert_eq!(names(&set.path().join("two"), &Split::train()), ["a.csv"]);
+}
+
+#[test]
 fn pendigits_have_their_own_parts_and_writers_of_two_files_stay_apart() {
     let set = folder(&[("p.tes", DIGITS), ("p.tra", DIGITS)]);
     assert_eq!(DataSet::splits(set.path()).unwrap(), ["test", "train", "all"]);

@@ -82,6 +82,8 @@ fn groups_are_characters_and_the_nearest_label_counts() {
         [("a", vec![[1.0, -1.0], [2.0, -2.0]]), ("\"&", vec![[3.0, -3.0]]), ("", vec![[4.0, -4.0]])]
     );
     assert_eq!(r.segments[0].writer, "w1");
+    let [outside] = &r.remarks[..] else { panic!("{:?}", r.remarks) };
+    assert!(outside.count == 1 && outside.what.contains("outside every group"), "{outside}");
 }
 
 #[test]
@@ -95,6 +97,7 @@ fn views_label_traces_as_groups_do() {
 </traceGroup></ink>"##,
     );
     assert_eq!(inked(&r), [("x", vec![[2.0, -2.0], [3.0, -3.0]]), ("y", vec![[1.0, -1.0]])]);
+    assert_eq!(r.remarks, []);
     let whole = good(
         r##"<ink><traceGroup xml:id="g"><trace>1 1</trace><traceGroup><trace>2 2</trace></traceGroup></traceGroup>
 <traceView><annotation type="truth">k</annotation><traceView traceDataRef="#g"/></traceView></ink>"##,
@@ -149,6 +152,131 @@ fn equal_stamps_are_merged_and_steps_back_left_out_of_a_trace() {
     assert_eq!((told, r.rate_hz.round()), (vec![1, 1], 200.0));
     let message = load(format!("<ink>{XYT}<trace>0 0 9,1 0 5,2 0 4</trace></ink>").as_bytes()).unwrap_err();
     assert!(message.starts_with("a.inkml: 2 of 3 stamps step back"), "{message}");
+}
+
+/// Traces with these times each, in the unit that `channel` states, along a line.
+fn timed(channel: &str, traces: &[&[&str]]) -> String {
+    let trace = |times: &&[&str]| {
+        let points: Vec<String> = times.iter().enumerate().map(|(k, t)| format!("{k} 0 {t}")).collect();
+        format!("<trace>{}</trace>", points.join(","))
+    };
+    let traces: String = traces.iter().map(trace).collect();
+    format!(
+        "<ink>{}{traces}</ink>",
+        XYT.replace("<channel name=\"T\"/>", &format!("<channel name=\"T\"{channel}/>"))
+    )
+}
+
+#[test]
+fn even_stamps_give_their_rate_and_gaps_to_the_last_bit() {
+    let ms = |t: f64| t * 1e-3;
+    let (first, second) = (["0.000", "5.000", "10.000", "15.000", "20.000"], ["135.000", "140.000"]);
+    let epoch = |times: &[&str]| -> Vec<String> {
+        times.iter().map(|t| format!("1700000000{:03}", t.parse::<f64>().unwrap())).collect()
+    };
+    let (first_epoch, second_epoch) = (epoch(&first), epoch(&second));
+    let words = |times: &'_ [String]| -> Vec<String> { times.to_vec() };
+    for (channel, times, rate_hz, gap_s) in [
+        (
+            "",
+            [first.map(str::to_owned).to_vec(), second.map(str::to_owned).to_vec()],
+            200.0,
+            ms(135.0) - ms(20.0),
+        ),
+        (
+            " units=\"ms\"",
+            [words(&first_epoch), words(&second_epoch)],
+            200.0,
+            ms(1_700_000_000_135.0) - ms(1_700_000_000_020.0),
+        ),
+        (
+            " units=\"s\"",
+            [["1.5", "1.5625", "1.625"].map(str::to_owned).to_vec(), vec!["3".to_owned()]],
+            16.0,
+            3.0 - 1.625,
+        ),
+    ] {
+        let times: Vec<Vec<&str>> = times.iter().map(|t| t.iter().map(String::as_str).collect()).collect();
+        let traces: Vec<&[&str]> = times.iter().map(Vec::as_slice).collect();
+        let r = good(&timed(channel, &traces));
+        let [one, two] = &r.segments[0].components[..] else { panic!("{r:?}") };
+        assert_eq!((r.rate_hz, two.dt_before_s, &r.remarks[..]), (rate_hz, Some(gap_s), &[][..]));
+        assert!(one.stamps_s.is_empty() && two.stamps_s.is_empty(), "{r:?}");
+    }
+    // A rate that the stamps contradict is told, once.
+    let stated =
+        timed("", &[&first]).replace("<trace>", "<inkSource><sampleRate value=\"100\"/></inkSource><trace>");
+    let r = good(&stated.replace("<trace>", &format!("{XYT}<trace>")));
+    let told: Vec<String> = r.remarks.iter().map(ToString::to_string).collect();
+    assert_eq!(
+        (r.rate_hz, told.as_slice()),
+        (200.0, &["the file states 100 Hz, its stamps give 200.0 Hz and count".to_owned()][..])
+    );
+}
+
+#[test]
+fn uneven_stamps_since_1970_keep_their_digits() {
+    let r = good(&timed(
+        " units=\"us\"",
+        &[&["1700000000000001", "1700000000008001", "1700000000032001", "1700000000040002"]],
+    ));
+    let steps: Vec<f64> = r.segments[0].components[0].stamps_s.windows(2).map(|w| w[1] - w[0]).collect();
+    for (step, wanted) in steps.iter().zip([0.008, 0.024, 0.008_001]) {
+        assert!((step - wanted).abs() < 1e-12, "{steps:?}");
+    }
+}
+
+#[test]
+fn points_without_a_time_are_kept_and_counted() {
+    let r = good(&timed("", &[&["?", "5", "?", "'5", "'5", "!25", "?"], &["?", "40"]]));
+    let counts: Vec<usize> = r.segments[0].components.iter().map(|c| c.points.len()).collect();
+    // The step behind the unknown one is a difference from 5.
+    assert_eq!(counts, [7, 2], "{r:?}");
+    let [remark] = &r.remarks[..] else { panic!("{:?}", r.remarks) };
+    assert!(remark.count == 4 && remark.what.contains("no T"), "{remark}");
+    let r = good(&timed("", &[&["0", "5", "?", "15", "20"]]));
+    assert_eq!((r.rate_hz, r.segments[0].components[0].points.len()), (200.0, 5));
+    // No T at all is no clock.
+    let r = good(&timed("", &[&["?", "?"], &["3"]]));
+    assert_eq!((r.rate_hz, r.rate_assumed, r.remarks[0].count), (100.0, true, 2));
+}
+
+#[test]
+fn timestamps_may_be_dates() {
+    let file = |first: &str, second: &str| {
+        let context = |id: &str, when: &str| {
+            format!(
+                "<context xml:id=\"{id}\">{}<timestamp xml:id=\"{id}t\" timeString=\"{when}\"/></context>",
+                XYT
+            )
+        };
+        let (a, b) = (context("a", first), context("b", second));
+        load(
+            format!(
+                "<ink><definitions>{a}{b}</definitions><trace contextRef=\"#a\">0 0 0,1 0 5,2 0 10</trace>\
+                 <trace contextRef=\"#b\">3 0 0,4 0 5</trace></ink>"
+            )
+            .as_bytes(),
+        )
+        .unwrap()
+    };
+    for second in ["2023-11-14T22:13:20.600Z", "2023-11-15T03:43:20.6+05:30"] {
+        let r = file("2023-11-14T22:13:20Z", second);
+        let gap_s = r.segments[0].components[1].dt_before_s.unwrap();
+        assert!((gap_s - 0.59).abs() < 1e-9 && r.rate_hz == 200.0, "{gap_s} {}", r.rate_hz);
+        assert_eq!(r.remarks, []);
+    }
+    let r = file("2023-11-14T22:13:20Z", "yesterday");
+    assert!(r.remarks[0].count == 1 && r.remarks[0].what.contains("xsd:dateTime"), "{:?}", r.remarks);
+}
+
+#[test]
+fn a_rate_that_is_none_is_not_needed_beside_stamps() {
+    let rate = "<inkSource><sampleRate value=\"0\"/></inkSource>";
+    let r = good(&format!("<ink>{rate}{XYT}<trace>0 0 0,1 0 5,2 0 10</trace></ink>"));
+    assert!(r.rate_hz == 200.0 && r.remarks[0].what.contains("sampleRate is \"0\""), "{r:?}");
+    let message = load(format!("<ink>\n{rate}<trace>0 0,1 0</trace></ink>").as_bytes()).unwrap_err();
+    assert!(message.starts_with("a.inkml:2: sampleRate is \"0\""), "{message}");
 }
 
 #[test]
@@ -238,6 +366,46 @@ fn continued_traces_are_one_and_utf_16_is_read() {
         let found: Vec<usize> = r.segments[0].components.iter().map(|c| c.points.len()).collect();
         assert_eq!(found, [2, 1]);
     }
+}
+
+#[test]
+fn a_trace_may_go_on_in_another_context() {
+    let context = |id: &str, format: &str| {
+        format!("<context xml:id=\"{id}\"><traceFormat>{format}</traceFormat></context>")
+    };
+    let [x, y] =
+        ["X", "Y"].map(|name| move |units: &str| format!("<channel name=\"{name}\" units=\"{units}\"/>"));
+    let t = |units: &str| format!("<channel name=\"T\" units=\"{units}\"/>");
+    let file = |first: &str, ink: &str, second: &str, more: &str| {
+        load(
+            format!(
+                "<ink><definitions>{}{}</definitions><trace xml:id=\"t\" contextRef=\"#a\" \
+                 continuation=\"begin\">{ink}</trace>\n<trace contextRef=\"#b\" continuation=\"end\" \
+                 priorRef=\"#t\">{more}</trace></ink>",
+                context("a", first),
+                context("b", second)
+            )
+            .as_bytes(),
+        )
+    };
+    // With T first and without, and the other way round.
+    let (plain, stamped) = ([x("mm"), y("mm")].concat(), [x("mm"), y("mm"), t("ms")].concat());
+    for (first, ink, second, more) in [
+        (&plain, "1 2,3 4,5 6", &stamped, "7 8 10,9 10 20,11 12 30"),
+        (&stamped, "1 2 10,3 4 20,5 6 30", &plain, "7 8,9 10,11 12"),
+    ] {
+        let r = file(first, ink, second, more).unwrap();
+        let points = &r.segments[0].components[0].points;
+        assert_eq!((points.len(), points[5], r.rate_hz), (6, [11.0, -12.0], 100.0), "{r:?}");
+        assert_eq!(r.remarks[0].count, 3, "{:?}", r.remarks);
+    }
+    // Other units and another order.
+    let turned = [t("s"), y("cm"), x("cm")].concat();
+    let r = file(&stamped, "1 2 0,3 4 5", &turned, "0.01 0.6 0.5").unwrap();
+    assert_eq!(r.segments[0].components[0].points, [[1.0, -2.0], [3.0, -4.0], [5.0, -6.0]]);
+    assert_eq!((r.rate_hz, r.segments[0].components.len()), (200.0, 1));
+    let message = file(&plain, "1 2", &[x("dev"), y("dev")].concat(), "3 4").unwrap_err();
+    assert!(message.starts_with("a.inkml:2: a trace goes on in a context where"), "{message}");
 }
 
 #[test]

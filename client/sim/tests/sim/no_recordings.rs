@@ -64,3 +64,32 @@ fn a_folder_of_something_else_says_what_is_there() {
     let set = DataSet::load(&path, &Split::All, false).unwrap();
     assert!(set.files.len() == 1 && set.errors[0].to_string().contains("git lfs pull"), "{:?}", set.errors);
 }
+
+#[test]
+fn a_byte_order_mark_hides_nothing() {
+    let page = "<!DOCTYPE html>\n<html><body>Sign in</body></html>";
+    for (text, wanted) in [(POINTER, "it is a Git LFS pointer"), (page, "it is a web page")] {
+        let wide: Vec<u8> = format!("\u{feff}{text}").encode_utf16().flat_map(u16::to_le_bytes).collect();
+        for bytes in [format!("\u{feff}{text}").into_bytes(), wide] {
+            for name in ["a.dat", "a.csv", "a.mcap", "a.inkml", "a.txt"] {
+                let (_folder, path) = folder(&[]);
+                std::fs::write(path.join(name), &bytes).unwrap();
+                let message = load_recording(&path.join(name)).unwrap_err().to_string();
+                assert!(message.contains(wanted), "{name}: {message}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_split_table_that_is_something_else_says_what_it_is() {
+    for (text, wanted) in [
+        (POINTER.to_owned(), "split.tsv: cannot read the split table: it is a Git LFS pointer"),
+        (format!("\u{feff}{POINTER}"), "it is a Git LFS pointer"),
+        ("<html>Sign in</html>".to_owned(), "it is a web page"),
+    ] {
+        let (_folder, path) = folder(&[("a.dat", UNIPEN), ("split.tsv", &text)]);
+        let message = DataSet::load(&path, &Split::All, false).unwrap_err().to_string();
+        assert!(message.contains(wanted), "{message}");
+    }
+}

@@ -113,6 +113,93 @@ fn words_are_read_where_there_are_no_characters_and_a_malformed_page_is_passed_o
     );
 }
 
+fn labels_and_remarks(dat: &str) -> (Vec<String>, Vec<(u64, String)>) {
+    let (_folder, file) = set(dat.as_bytes(), &[]);
+    let r = load_recording(&file).unwrap();
+    let labels = r.segments.iter().map(|c| c.label.clone()).collect();
+    (labels, r.remarks.into_iter().map(|remark| (remark.count, remark.what)).collect())
+}
+
+#[test]
+fn ink_that_is_left_out_is_counted() {
+    // Strokes 0 and 3 are ink, 1 is in the air, 2 a place holder.
+    for (segments, labels, lost) in [
+        (".SEGMENT CHARACTER 0 ? \"a\"\n.SEGMENT WORD 3 ? \"bc\"\n", &["a"][..], 1),
+        (".SEGMENT CHARACTER 0 ? \"a\"\n.SEGMENT GLYPH 3 ? \"g\"\n", &["a"], 1),
+        (".SEGMENT CHARACTER 0-3 ? \"a\"\n.SEGMENT GLYPH 3 ? \"g\"\n", &["a"], 0),
+        (".SEGMENT SYMBOL 0-3 ? \"s\"\n.SEGMENT WORD 0 ? \"w\"\n", &["s"], 0),
+    ] {
+        let (found, remarks) = labels_and_remarks(&format!("{HEAD}{INK}{segments}"));
+        assert_eq!(found, labels, "{segments}");
+        assert_eq!(remarks.iter().map(|(count, _)| count).sum::<u64>(), lost, "{segments}: {remarks:?}");
+        assert!(remarks.iter().all(|(_, what)| what.contains("belong to no .SEGMENT")), "{remarks:?}");
+    }
+    let words =
+        format!("{HEAD}{INK}.SEGMENT WORD x ? \"no\"\n.SEGMENT PAGE x ? \"p\"\n.SEGMENT WORD 0-3 ? \"b\"\n");
+    let (_, remarks) = labels_and_remarks(&words);
+    assert_eq!(remarks, [(1, ".SEGMENT lines cannot be read, and are left out".to_owned())]);
+}
+
+#[test]
+fn segments_below_their_ink_have_the_ink_above() {
+    let stroke = ".PEN_DOWN\n1 1\n2 2\n";
+    let segment = |label: &str| format!(".SEGMENT CHARACTER ? ? \"{label}\"\n");
+    let [x, y] = [segment("x"), segment("y")];
+    // The pen in the air behind the last one is not its ink.
+    let dat = format!("{HEAD}{stroke}{x}{stroke}{stroke}{y}.PEN_UP\n3 3\n");
+    let (_folder, file) = set(dat.as_bytes(), &[]);
+    let r = load_recording(&file).unwrap();
+    let strokes: Vec<_> = r.segments.iter().map(|c| (c.label.as_str(), c.components.len())).collect();
+    assert_eq!((strokes.as_slice(), r.remarks.len()), (&[("x", 1), ("y", 2)][..], 0), "{:?}", r.remarks);
+    // Above it they have what follows, and what stands before all is nobody's.
+    let (_, remarks) = labels_and_remarks(&format!("{HEAD}{stroke}{x}{stroke}{y}{stroke}"));
+    assert_eq!(remarks.iter().map(|(count, _)| *count).collect::<Vec<_>>(), [1]);
+}
+
+#[test]
+fn a_rate_of_zero_does_no_harm_beside_stamps() {
+    let dat = |rate: &str, begin: u64| {
+        let rows: String = (0..9).map(|k| format!("{k} 0 {}\n", begin + 5 * k)).collect();
+        format!(".COORD X Y T\n.POINTS_PER_SECOND {rate}\n.PEN_DOWN\n{rows}.SEGMENT CHARACTER 0 ? \"a\"\n")
+    };
+    for rate in ["0", "-1", "x"] {
+        let (_folder, file) = set(dat(rate, 0).as_bytes(), &[]);
+        let r = load_recording(&file).unwrap();
+        assert!((r.rate_hz - 200.0).abs() < 1e-9 && !r.rate_assumed && r.remarks.len() == 1, "{r:?}");
+    }
+    // Times since 1970 are as fine as others.
+    let (_folder, file) = set(dat("x", 1_700_000_000_000).as_bytes(), &[]);
+    let rate_hz = load_recording(&file).unwrap().rate_hz;
+    assert!((rate_hz - 200.0).abs() < 1e-9, "{rate_hz}");
+}
+
+#[test]
+fn a_byte_order_mark_is_no_part_of_the_text() {
+    let dat = format!("\u{feff}{HEAD}{INK}.SEGMENT CHARACTER 0-3 ? \"é\"\n").replace('\n', "\r\n");
+    let wide: Vec<u8> = dat.encode_utf16().flat_map(u16::to_le_bytes).collect();
+    for bytes in [dat.into_bytes(), wide] {
+        let (_folder, file) = set(&bytes, &[]);
+        let r = load_recording(&file).unwrap();
+        assert_eq!((r.segments[0].label.as_str(), r.segments[0].components[0].points.len()), ("é", 3));
+    }
+    let (_folder, file) = set(
+        format!(".INCLUDE h.doc\n{INK}.SEGMENT CHARACTER 0-3 ? \"a\"\n").as_bytes(),
+        &[("h.doc", &format!("\u{feff}{HEAD}"))],
+    );
+    assert_eq!(load_recording(&file).unwrap().rate_hz, 200.0);
+}
+
+#[test]
+fn a_long_hierarchy_takes_no_longer_than_its_length() {
+    const KINDS: usize = 40_000;
+    let hierarchy: String = (0..KINDS).map(|k| format!(" KIND{k}")).collect();
+    let segments: String = (0..KINDS).map(|k| format!(".SEGMENT KIND{k} 0 ? \"{k}\"\n")).collect();
+    let begin = std::time::Instant::now();
+    let (labels, _) = labels_and_remarks(&format!("{HEAD}.HIERARCHY{hierarchy}\n{INK}{segments}"));
+    assert_eq!(labels, [(KINDS - 1).to_string()]);
+    assert!(begin.elapsed().as_secs() < 3, "{:?}", begin.elapsed());
+}
+
 #[test]
 fn the_name_of_an_included_file_is_never_cut() {
     let long = format!("{}/the-name-of-the-file.doc", "a-long-folder/".repeat(20));
@@ -137,7 +224,12 @@ fn resolution_may_be_stated_per_inch_and_the_writer_anywhere() {
 fn every_refusal_names_file_line_and_reason() {
     let seg = ".SEGMENT CHARACTER 0 ? \"a\"\n";
     type Case = (String, &'static [(&'static str, &'static str)], &'static str);
-    let cases: [Case; 15] = [
+    let cases: [Case; 16] = [
+        (
+            format!(".INCLUDE s/h.doc\n{INK}{seg}"),
+            &[("s/h.doc", "version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 1234\n")],
+            "h.doc: not UNIPEN: it is a Git LFS pointer",
+        ),
         (".INCLUDE s/no.doc\n".into(), &[], "a.dat:1: included file \"s/no.doc\" was not found"),
         (".INCLUDE ../../x\n".into(), &[], "a.dat:1: include \"../../x\" leads out"),
         (
@@ -171,7 +263,7 @@ fn every_refusal_names_file_line_and_reason() {
         (format!("{HEAD}{INK}"), &[], "a.dat: no .SEGMENT line"),
         (format!("{HEAD}{seg}"), &[], "a.dat: no points"),
         (format!(".COORD X Y\n{INK}{seg}"), &[], "a.dat: no .POINTS_PER_SECOND"),
-        (format!(".POINTS_PER_SECOND 0\n{INK}{seg}"), &[], "a.dat:1: value 0 is outside"),
+        (format!(".COORD X Y\n.POINTS_PER_SECOND 0\n{INK}{seg}"), &[], "a.dat:2: value 0 is outside"),
         (format!(".POINTS_PER_SECOND 9\n{INK}{seg}"), &[], "a.dat:3: points before .COORD"),
     ];
     for (dat, includes, wanted) in cases {

@@ -23,7 +23,8 @@ fn character(segment: usize, points: &[[f64; 2]], jumps: &[usize]) -> CharacterS
 
 fn set(scored: Vec<CharacterSequence>) -> Set {
     let (name, split) = ("pens".to_owned(), "test".to_owned());
-    Set { name, split, scored, train: Vec::new(), cold: false, refused: Vec::new(), remarks: Vec::new() }
+    let (refused, damaged, remarks) = (Vec::new(), Vec::new(), Vec::new());
+    Set { name, split, scored, train: Vec::new(), cold: false, refused, damaged, remarks }
 }
 
 fn arc() -> Vec<[f64; 2]> {

@@ -28,7 +28,7 @@ pub(super) struct CsvHead {
 ///
 /// Field, value and what is legal.
 pub(super) fn read_head(text: &str) -> Result<Option<CsvHead>, (&'static str, String, &'static str)> {
-    let first = text.trim_start_matches('\u{feff}').lines().next().unwrap_or_default();
+    let first = text.trim_start_matches('\u{feff}').split(['\n', '\r']).next().unwrap_or_default();
     let Some(fields) = first.strip_prefix(MARK) else { return Ok(None) };
     let field = |name: &str| {
         let named = |f: &str| f.split_once('=').filter(|(n, _)| *n == name).map(|(_, v)| v.to_owned());

@@ -1,14 +1,21 @@
 //! CSV pen paths: foretrace's own `t_s,x_m,y_m,contact`, and exports of tablets, browsers and phones.
 //!
 //! Columns are found by their names, in any order and unit ([`names`]); what is not needed is named and left
-//! out. Times are in order: equal stamps are merged, those that step back left out, both counted. A clock
-//! that counts from 1970 begins at the first sample.
+//! out. Times are in order: equal stamps are merged, those that step back or leap ahead of what follows left
+//! out, all counted. A clock that counts from 1970 begins at the first sample.
 
+mod record;
+mod number;
+mod lines;
+mod events;
+mod units;
 mod names;
 mod table;
-mod events;
+mod clock;
+mod reading;
+mod pointers;
+mod touch;
 mod samples;
-mod lines;
 
 use super::file::{FileError, read_limited};
 use super::hint::what_it_is;
@@ -17,9 +24,9 @@ use super::{Character, Component, GAP_PERIODS, Quantity, Recording, Remark, deco
 use crate::path::{PathSample, PenPath};
 use lines::{CsvHead, read_head};
 pub(super) use lines::{HEADER, MARK, UNKNOWN, VERSION, row};
-pub use names::CsvUnits;
 use std::io::{self, Write};
 use std::path::Path;
+pub use units::CsvUnits;
 
 pub(super) const RATE_HZ: std::ops::RangeInclusive<f64> = 1e-3..=1e6;
 /// Slowest uneven steps \[s\]: the loop's pen grid has no slower ones.
@@ -59,7 +66,7 @@ pub(crate) fn read_csv(path: &Path, units: CsvUnits) -> Result<CsvPen, FileError
         return Err(FileError::whole(path, why));
     }
     let text = decoded(&bytes);
-    if !begins_csv(&text)
+    if !has_csv_header(&text)
         && let Some(what) = what_it_is(&bytes)
     {
         return Err(FileError::whole(path, format!("not CSV: {what}")));
@@ -80,15 +87,26 @@ pub(super) fn parse_csv_recording(
 ) -> Result<Recording, FileError> {
     let CsvPen { path: pen, metric, remarks, head } = parse_csv(&decoded(bytes), path, units)?;
     let rate_hz = head.rate_hz.unwrap_or(pen.rate_hz);
-    let recording = recording_of(&pen, rate_hz, head.writer, path);
+    let recording = recording_at(&pen, rate_hz, head.rate_hz, head.writer, path);
     Ok(Recording { units_per_m: recording.units_per_m.filter(|_| metric), remarks, ..recording })
 }
 
-/// `pen` as one character without a label, a component per change of contact and per gap, with its stamps
-/// where they are uneven.
+/// `pen`, of a file that states no rate, as one character without a label, a component per change of contact
+/// and per gap, with its stamps where they are uneven; `rate_hz` where they are even.
 pub(super) fn recording_of(pen: &PenPath, rate_hz: f64, writer: String, path: &Path) -> Recording {
+    recording_at(pen, rate_hz, None, writer, path)
+}
+
+/// The same of a file that may state a rate.
+fn recording_at(
+    pen: &PenPath,
+    rate_hz: f64,
+    stated_hz: Option<f64>,
+    writer: String,
+    path: &Path,
+) -> Recording {
     let steps = pen.samples.iter().zip(pen.samples.iter().skip(1)).map(|(a, b)| b.t_s - a.t_s).collect();
-    let cadence = Cadence::of(steps, Some(rate_hz)).filter(|cadence| !cadence.even);
+    let cadence = Cadence::of(steps, stated_hz).filter(|cadence| !cadence.even);
     let gap_s = cadence.map_or(GAP_PERIODS / rate_hz, |cadence| cadence.gap_s);
     let mut components: Vec<Component> = Vec::new();
     let mut last: Option<PathSample> = None;
@@ -128,6 +146,11 @@ pub(super) fn begins_csv(text: &str) -> bool {
     table::begins(text)
 }
 
+/// Whether any of the first lines is a header of this format.
+pub(super) fn has_csv_header(text: &str) -> bool {
+    table::has_header(text)
+}
+
 /// Writes `path` in the form that [`load_csv`] reads; the file appears whole or not at all.
 ///
 /// # Errors
@@ -148,8 +171,7 @@ fn parse_csv(text: &str, file: &Path, units: CsvUnits) -> Result<CsvPen, FileErr
         FileError::at(file, 1, &format!("{field} is {value:?}; legal: {legal}"))
     })?;
     let header = table::find_header(text).map_err(at)?;
-    let samples::CsvSamples { samples, metric, remarks } =
-        samples::samples(text, &header, units).map_err(at)?;
+    let samples::CsvSamples { samples, metric, remarks } = samples::samples(&header, units).map_err(at)?;
     if samples.len() < 2 {
         let count = format!("{} samples; a path needs at least 2", samples.len());
         let why = remarks.iter().fold(count, |why, remark| format!("{why}; {remark}"));

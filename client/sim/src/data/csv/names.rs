@@ -4,67 +4,12 @@
 //! case; a last word that is a unit is the unit. Names of these exports are known: foretrace, Wacom's Wintab
 //! packets (`pkX`, `pkTime`) and STU pads, MotionEvent of Android, PointerEvent of browsers.
 
+use super::events::EventColumn;
+use super::units::{Unit, unit};
 use std::fmt;
 
-/// What is known of a file beyond its text: units of columns whose names have none.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct CsvUnits {
-    /// Of x and y \[m\].
-    pub length_m: Option<f64>,
-    /// Of the time \[s\].
-    pub time_s: Option<f64>,
-}
-
-impl std::str::FromStr for CsvUnits {
-    type Err = String;
-
-    /// One unit, or a unit of length and one of time with a comma: `mm`, `ms`, `mm,us`.
-    fn from_str(text: &str) -> Result<Self, String> {
-        let mut units = Self::default();
-        for word in text.split(',').map(|word| word.trim().to_lowercase()) {
-            match unit(&word) {
-                Some(Unit::Length(Some(metres))) if units.length_m.is_none() => units.length_m = Some(metres),
-                Some(Unit::Time(seconds)) if units.time_s.is_none() => units.time_s = Some(seconds),
-                _ => {
-                    return Err(
-                        "a unit of length (m, cm, mm, um, in), one of time (s, ms, us, ns), or both: mm,ms"
-                            .to_owned(),
-                    );
-                }
-            }
-        }
-        Ok(units)
-    }
-}
-
-/// The unit in a name.
-#[derive(Debug, Clone, Copy, PartialEq)]
-enum Unit {
-    /// \[m\]; `None`: pixels, whose size nobody knows.
-    Length(Option<f64>),
-    /// Its length in seconds.
-    Time(f64),
-}
-
-fn unit(word: &str) -> Option<Unit> {
-    Some(match word {
-        "m" | "meter" | "meters" | "metre" | "metres" => Unit::Length(Some(1.0)),
-        "cm" => Unit::Length(Some(1e-2)),
-        "mm" | "millimeter" | "millimeters" | "millimetre" | "millimetres" => Unit::Length(Some(1e-3)),
-        "um" | "µm" | "μm" | "micron" | "microns" => Unit::Length(Some(1e-6)),
-        "himetric" => Unit::Length(Some(1e-5)),
-        "in" | "inch" | "inches" => Unit::Length(Some(0.0254)),
-        "px" | "pixel" | "pixels" => Unit::Length(None),
-        "s" | "sec" | "secs" | "second" | "seconds" => Unit::Time(1.0),
-        "ms" | "msec" | "millis" | "millisecond" | "milliseconds" => Unit::Time(1e-3),
-        "us" | "µs" | "μs" | "usec" | "micros" | "microsecond" | "microseconds" => Unit::Time(1e-6),
-        "ns" | "nsec" | "nanos" | "nanosecond" | "nanoseconds" => Unit::Time(1e-9),
-        _ => return None,
-    })
-}
-
 /// Words before the unit; nearer ones first.
-const TIMES: [&str; 21] = [
+const TIMES: [&str; 31] = [
     "t",
     "time",
     "timestamp",
@@ -86,6 +31,16 @@ const TIMES: [&str; 21] = [
     "unix time",
     "epoch",
     "clock",
+    "stamp",
+    "time stamps",
+    "event timestamp",
+    "system timestamp",
+    "sensor timestamp",
+    "host time",
+    "unix",
+    "unix timestamp",
+    "epoch time",
+    "utc",
 ];
 /// The same of x; of y with that letter.
 const PLACES: [&str; 23] = [
@@ -139,27 +94,59 @@ const CONTACTS: [&str; 21] = [
     "ink",
 ];
 const HOVERS: [&str; 6] = ["hover", "hovering", "is hover", "in air", "pen up", "penup"];
-const EVENTS: [&str; 9] = [
-    "type",
-    "event",
-    "event type",
-    "event name",
-    "action",
-    "action masked",
-    "motion event",
-    "phase",
-    "state",
+/// Words beside one that tells a contact: whose it is.
+const OF_CONTACTS: [&str; 16] = [
+    "pen", "stylus", "tip", "nib", "finger", "mouse", "pointer", "surface", "paper", "screen", "is", "in",
+    "on", "has", "state", "flag",
+];
+const CONTACT_WORDS: [&str; 5] = ["contact", "touch", "touching", "touched", "down"];
+const EVENTS: [(&str, EventColumn); 10] = [
+    ("type", EventColumn::Words),
+    ("event", EventColumn::Words),
+    ("event type", EventColumn::Words),
+    ("event name", EventColumn::Words),
+    ("action", EventColumn::Motion),
+    ("action masked", EventColumn::Motion),
+    ("motion event", EventColumn::Motion),
+    ("phase", EventColumn::Phase),
+    ("touch phase", EventColumn::Phase),
+    ("state", EventColumn::State),
 ];
 const BUTTONS: [&str; 3] = ["buttons", "pk buttons", "button state"];
-const PRESSURES: [&str; 8] = [
-    "pressure",
-    "p",
-    "force",
-    "pen pressure",
-    "normal pressure",
-    "pk normal pressure",
-    "norm pressure",
-    "axis pressure",
+const PRESSURE_WORDS: [&str; 3] = ["pressure", "force", "p"];
+/// Words beside one that tells a pressure: whose it is, how it is written, and its unit.
+const OF_PRESSURES: [&str; 31] = [
+    "pen",
+    "stylus",
+    "tip",
+    "nib",
+    "touch",
+    "contact",
+    "pointer",
+    "pk",
+    "axis",
+    "get",
+    "axial",
+    "normal",
+    "norm",
+    "normalized",
+    "normalised",
+    "raw",
+    "scaled",
+    "relative",
+    "value",
+    "level",
+    "n",
+    "newton",
+    "newtons",
+    "mn",
+    "g",
+    "gf",
+    "pct",
+    "percent",
+    "pa",
+    "hpa",
+    "kpa",
 ];
 const POINTER_TYPES: [&str; 3] = ["pointer type", "tool type", "input type"];
 const POINTER_IDS: [&str; 3] = ["pointer id", "identifier", "touch id"];
@@ -179,7 +166,8 @@ pub(super) struct Columns {
     pub(super) y_down: bool,
     pub(super) contact: Option<usize>,
     pub(super) hover: Option<usize>,
-    pub(super) event: Option<usize>,
+    /// And what its numbers are about.
+    pub(super) event: Option<(usize, EventColumn)>,
     pub(super) buttons: Option<usize>,
     pub(super) pressure: Option<usize>,
     pub(super) pointer_type: Option<usize>,
@@ -222,7 +210,17 @@ impl Columns {
                 |wanted: &&str| names.iter().position(|name| name.words == **wanted && name.unit.is_none());
             list.iter().find_map(of).filter(|at| *at != t && !place.contains(at))
         };
-        // An export may give its pressure a unit of its own, in brackets.
+        let beside = |heads: &[&str], others: &[&str]| {
+            let tells = |name: &Name| name.unit.is_none() && name.is_about(heads, others);
+            let rank = |name: &Name| heads.iter().position(|head| name.words.split(' ').any(|w| w == *head));
+            names
+                .iter()
+                .enumerate()
+                .filter(|(at, name)| *at != t && !place.contains(at) && tells(name))
+                .min_by_key(|(_, name)| (rank(name), name.words.len()))
+                .map(|(at, _)| at)
+        };
+        let event = EVENTS.iter().find_map(|(name, kind)| Some((one(&[name])?, *kind)));
         Ok(Self {
             count: cells.len(),
             t,
@@ -230,16 +228,25 @@ impl Columns {
             place,
             place_m,
             y_down,
-            contact: one(&CONTACTS),
+            contact: one(&CONTACTS).or_else(|| beside(&CONTACT_WORDS, &OF_CONTACTS)),
             hover: one(&HOVERS),
-            event: one(&EVENTS),
+            event,
             buttons: one(&BUTTONS),
-            pressure: one(&PRESSURES),
+            pressure: beside(&PRESSURE_WORDS, &OF_PRESSURES),
             pointer_type: one(&POINTER_TYPES),
             pointer_id: one(&POINTER_IDS),
             primary: one(&PRIMARIES),
             names: cells.iter().map(|cell| (*cell).to_owned()).collect(),
         })
+    }
+}
+
+impl Name {
+    /// One of its words is of `heads`, the others of either list.
+    fn is_about(&self, heads: &[&str], others: &[&str]) -> bool {
+        let mut words = self.words.split(' ');
+        words.clone().any(|word| heads.contains(&word))
+            && words.all(|word| heads.contains(&word) || others.contains(&word))
     }
 }
 
@@ -365,6 +372,52 @@ mod tests {
         assert_eq!(columns("t,x_mm,y_um").place_m, Some([1e-3, 1e-6]));
         assert_eq!(columns("t,x,y,Pen Down").contact, Some(3));
         assert_eq!(columns("t,x,y,penUp").hover, Some(3));
+        for (name, seconds) in [
+            ("stamp_ns", 1e-9),
+            ("unix_ms", 1e-3),
+            ("t_msecs", 1e-3),
+            ("t_millisec", 1e-3),
+            ("stampUsecs", 1e-6),
+        ] {
+            assert_eq!(columns(&format!("{name},x,y")).t_unit_s, Some(seconds), "{name}");
+        }
+    }
+
+    #[test]
+    fn contact_and_pressure_are_found_by_their_main_word() {
+        for name in
+            ["tip_contact", "stylus_down", "isInContact", "Pen touch", "touching", "finger-down", "pen_state"]
+        {
+            assert_eq!(columns(&format!("t,x,y,{name}")).contact, Some(3), "{name}");
+        }
+        let pressures = [
+            "tip_pressure",
+            "pressure_raw",
+            "normalizedPressure",
+            "force_n",
+            "pressure_n",
+            "Force (N)",
+            "pkNormalPressure",
+            "Pressure [0..1]",
+            "p",
+            "Pressure (%)",
+        ];
+        for name in pressures {
+            assert_eq!(columns(&format!("t,x,y,{name}")).pressure, Some(3), "{name}");
+        }
+        // Others of these words are not about the tip, or no flag.
+        for name in [
+            "touch_id",
+            "down_time",
+            "grip_force",
+            "air_pressure",
+            "force_x",
+            "pressure_time",
+            "contact_area",
+        ] {
+            let found = columns(&format!("t,x,y,{name}"));
+            assert_eq!((found.contact, found.pressure), (None, None), "{name}");
+        }
     }
 
     #[test]
@@ -375,14 +428,5 @@ mod tests {
         assert_eq!(lacking("t_mm,x,y"), Lacking::Time);
         assert_eq!(lacking("t,x_mm,y"), Lacking::Place);
         assert_eq!(lacking("t_s,velocity_x,velocity_y"), Lacking::Place);
-    }
-
-    #[test]
-    fn units_of_an_option_are_of_length_or_time() {
-        assert_eq!("mm".parse(), Ok(CsvUnits { length_m: Some(1e-3), time_s: None }));
-        assert_eq!("us, in".parse(), Ok(CsvUnits { length_m: Some(0.0254), time_s: Some(1e-6) }));
-        for wrong in ["", "px", "mm,cm", "fortnight", "ms,s"] {
-            assert!(wrong.parse::<CsvUnits>().unwrap_err().contains("mm,ms"), "{wrong}");
-        }
     }
 }

@@ -1,6 +1,7 @@
 //! A folder without a table: every file of its one format, in order of name.
 //!
-//! Hidden files, links to folders and folders named `include` (UNIPEN's library) are passed over.
+//! Hidden files, links to folders and folders named `include` (UNIPEN's library) are passed over; tables of
+//! words (`.tsv`) count as recordings by their contents only.
 
 use super::{ListedFile, SetError};
 use crate::data::Format;
@@ -8,6 +9,7 @@ use crate::data::hint::what_is_there;
 use std::collections::BTreeMap;
 use std::path::Path;
 
+const TABLE: &str = "split.tsv";
 const DEPTH_MAX: usize = 16;
 const FILES_MAX: usize = 200_000;
 
@@ -16,20 +18,32 @@ pub(super) fn find(folder: &Path) -> Result<Vec<ListedFile>, SetError> {
     let mut files = Vec::new();
     walk(folder, "", 0, &mut files)?;
     files.sort();
+    let (tables, files): (Vec<String>, Vec<String>) =
+        files.into_iter().partition(|file| is_split_table(file));
+    let found = |files: &[String]| what_is_there(folder, &[&tables, files].concat());
     let by_contents: Vec<Option<Format>> =
         files.iter().map(|f| Format::of_file(&folder.join(f)).unwrap_or_default()).collect();
-    let by_name: Vec<Option<Format>> = files.iter().map(|f| Format::of_name(Path::new(f))).collect();
+    let by_name: Vec<Option<Format>> =
+        files.iter().map(|f| Format::of_name(Path::new(f)).filter(|_| !is_table(f))).collect();
+    let of_each: Vec<Option<Format>> =
+        by_contents.iter().zip(&by_name).map(|(contents, name)| contents.or(*name)).collect();
+    // The folder above several sets: each has a table of its own, and may be named.
+    let inner: Vec<&str> = tables.iter().filter_map(|table| table.strip_suffix(TABLE)).collect();
+    let within = |file: &&String| inner.iter().any(|set| file.starts_with(set));
+    let mut inked = files.iter().zip(&of_each).filter_map(|(file, format)| format.map(|_| file));
+    let above_sets = !inner.is_empty() && inked.all(|file| within(&file));
+    let no_format = || SetError::NoFormat { folder: folder.to_path_buf(), found: found(&files) };
+    if above_sets {
+        return Err(no_format());
+    }
     // Names decide only if no contents do: then every file is bad, and each gives its reason.
     let format = match only(folder, &files, &by_contents)? {
         Some(format) => format,
-        None => only(folder, &files, &by_name)?.ok_or_else(|| SetError::NoFormat {
-            folder: folder.to_path_buf(),
-            found: what_is_there(folder, &files),
-        })?,
+        None => only(folder, &files, &by_name)?.ok_or_else(no_format)?,
     };
-    let rows = files.into_iter().zip(by_contents.into_iter().zip(by_name));
+    let rows = files.into_iter().zip(of_each);
     Ok(rows
-        .filter(|(_, (by_contents, by_name))| by_contents.or(*by_name) == Some(format))
+        .filter(|(_, of_file)| *of_file == Some(format))
         .map(|(file, _)| ListedFile {
             word: format.natural_split(&file).map(str::to_owned),
             file,
@@ -37,6 +51,16 @@ pub(super) fn find(folder: &Path) -> Result<Vec<ListedFile>, SetError> {
             format: Some(format),
         })
         .collect())
+}
+
+/// Tells the parts of a set; a folder below another may hold one of its own.
+fn is_split_table(file: &str) -> bool {
+    file.rsplit('/').next() == Some(TABLE)
+}
+
+/// Tables beside recordings, such as lists of labels, are no recordings for their name alone.
+fn is_table(file: &str) -> bool {
+    Path::new(file).extension().is_some_and(|extension| extension.eq_ignore_ascii_case("tsv"))
 }
 
 /// The one format of the files; `None` when no file has one.
@@ -48,13 +72,6 @@ fn only(folder: &Path, files: &[String], formats: &[Option<Format>]) -> Result<O
         }
     }
     if first.len() > 1 {
-        // The folder above several sets: each has a table of its own.
-        if files.iter().any(|file| file.ends_with("/split.tsv")) {
-            return Err(SetError::NoFormat {
-                folder: folder.to_path_buf(),
-                found: what_is_there(folder, files),
-            });
-        }
         let found: Vec<String> = first.iter().map(|(format, file)| format!("{format}: {file}")).collect();
         return Err(SetError::Ambiguous { folder: folder.to_path_buf(), found: found.join(", ") });
     }

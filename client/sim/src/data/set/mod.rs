@@ -16,8 +16,11 @@ pub struct DataSet {
     pub name: String,
     /// One per readable file, in the order of `split.tsv`, or by name without one.
     pub files: Vec<SetFile>,
-    /// One per unreadable file, and what was left out of readable ones; empty after a strict load.
+    /// One per unreadable file; empty after a strict load.
     pub errors: Vec<FileError>,
+    /// One per file of which only a beginning could be read, which is among `files`; empty after a strict
+    /// load.
+    pub damaged: Vec<FileError>,
 }
 
 /// A recording of a set.
@@ -124,7 +127,7 @@ impl DataSet {
             let (folder, wanted) = (folder.to_path_buf(), wanted.clone());
             return Err(SetError::NoSuchSplit { folder, wanted, words: words(&rows) });
         }
-        let mut set = Self { name: name(folder), files: Vec::new(), errors: Vec::new() };
+        let mut set = Self { name: name(folder), files: Vec::new(), errors: Vec::new(), damaged: Vec::new() };
         let mut seen = std::collections::HashSet::new();
         for row in rows.into_iter().filter(|row| split.takes(row.word.as_deref())) {
             // A file may stand in several parts; of all together it is one.
@@ -137,7 +140,7 @@ impl DataSet {
                     let damage = damage.map(|damage| FileError::whole(&file.recording.source, damage));
                     match damage {
                         Some(error) if strict => return Err(error.into()),
-                        damage => set.errors.extend(damage),
+                        damage => set.damaged.extend(damage),
                     }
                     set.files.push(file);
                 }
@@ -160,10 +163,20 @@ impl DataSet {
         Ok(words(&rows(folder)?))
     }
 
-    /// What of the files was not taken as it stands, a line per kind.
+    /// What of the files was not taken as it stands: a line per damaged file, then one per kind.
     #[must_use]
     pub fn remarks(&self) -> Vec<String> {
-        super::remarks(self.files.iter().map(|file| (file.file.as_str(), &file.recording.remarks[..])))
+        Self::remarks_of([self])
+    }
+
+    /// The same of several parts of a set together.
+    #[must_use]
+    pub fn remarks_of<'a>(parts: impl IntoIterator<Item = &'a Self>) -> Vec<String> {
+        let parts: Vec<&Self> = parts.into_iter().collect();
+        let damaged = parts.iter().flat_map(|set| &set.damaged).map(ToString::to_string);
+        let files = parts.iter().flat_map(|set| &set.files);
+        let kinds = super::remarks(files.map(|file| (file.file.as_str(), &file.recording.remarks[..])));
+        damaged.chain(kinds).collect()
     }
 
     /// All characters of the loaded files, in order.

@@ -3,6 +3,7 @@
 //! Any word may stand in `set`; `file` is relative to the folder. Further columns are ignored.
 
 use super::{ListedFile, SetError};
+use crate::data::foreign::foreign;
 use crate::data::shortened;
 use foretrace_config::files::{read_text, shortened_path};
 use std::path::{Component, Path};
@@ -21,7 +22,11 @@ pub(super) fn read(path: &Path) -> Result<Vec<ListedFile>, SetError> {
         why: format!("cannot read the split table: {why}"),
     };
     let text = read_text(path, BYTES_MAX).map_err(|e| unreadable(e.to_string()))?;
-    parse(&text).map_err(|(line, why)| SetError::Row { file: path.to_path_buf(), line, why })
+    parse(&text).map_err(|(line, why)| match foreign(text.as_bytes(), text.len() as u64) {
+        // Whatever its first line lacks then.
+        Some(what) if !text.is_empty() => unreadable(what),
+        _ => SetError::Row { file: path.to_path_buf(), line, why },
+    })
 }
 
 fn parse(text: &str) -> Result<Vec<ListedFile>, (usize, String)> {

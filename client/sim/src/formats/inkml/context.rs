@@ -19,8 +19,8 @@ struct TraceChannel {
     units: String,
     /// `orientation="-ve"`.
     reversed: bool,
-    /// When its zero is \[s\]: the timestamp of `respectTo`.
-    begin_s: Option<f64>,
+    /// When its zero is \[ms\]: the timestamp of `respectTo`.
+    begin_ms: Option<f64>,
 }
 
 /// An `<inkSource>`.
@@ -38,8 +38,8 @@ pub(super) struct InkSource {
 pub(super) struct InkContext {
     pub(super) format: Option<Rc<TraceFormat>>,
     pub(super) source: Option<Rc<InkSource>>,
-    /// Time of its `<timestamp>` \[s\].
-    pub(super) begin_s: Option<f64>,
+    /// Time of its `<timestamp>` \[ms\].
+    pub(super) begin_ms: Option<f64>,
 }
 
 /// Where the values of a point are.
@@ -55,8 +55,8 @@ pub(super) struct PointLayout {
     pub(super) units_per_m: Option<[f64; 2]>,
     /// Length of the unit of T \[s\].
     pub(super) t_unit_s: f64,
-    /// What T counts from \[s\].
-    pub(super) t_begin_s: f64,
+    /// What T counts from \[ms\].
+    pub(super) t_begin_ms: f64,
 }
 
 impl PointLayout {
@@ -71,7 +71,7 @@ impl PointLayout {
             turn: [1.0, -1.0],
             units_per_m: None,
             t_unit_s: 1e-3,
-            t_begin_s: 0.0,
+            t_begin_ms: 0.0,
         }
     }
 }
@@ -82,7 +82,7 @@ impl TraceFormat {
         name: Option<String>,
         units: Option<String>,
         orientation: Option<String>,
-        begin_s: Option<f64>,
+        begin_ms: Option<f64>,
         intermittent: bool,
     ) -> Result<(), String> {
         let name = name.ok_or("a channel without a name")?;
@@ -94,7 +94,7 @@ impl TraceFormat {
             Some("-ve") => true,
             Some(other) => return Err(format!("orientation is {other:?}; legal: +ve, -ve")),
         };
-        self.channels.push(TraceChannel { name, units: units.unwrap_or_default(), reversed, begin_s });
+        self.channels.push(TraceChannel { name, units: units.unwrap_or_default(), reversed, begin_ms });
         if !intermittent {
             self.required = self.channels.len();
         }
@@ -179,7 +179,7 @@ impl InkContext {
         let t = find("T");
         let [_, _, t_resolution] = resolution;
         let t_unit_s = t.and_then(channel).and_then(|c| seconds(&c.units));
-        let t_begin_s = t.and_then(channel).and_then(|c| c.begin_s).or(self.begin_s);
+        let t_begin_ms = t.and_then(channel).and_then(|c| c.begin_ms).or(self.begin_ms);
         Ok(PointLayout {
             channels: format.channels.len(),
             required: format.required.max(x + 1).max(y + 1),
@@ -190,7 +190,7 @@ impl InkContext {
             turn: [if reversed(x) { -1.0 } else { 1.0 }, if reversed(y) { 1.0 } else { -1.0 }],
             units_per_m: per_m(x, 0).zip(per_m(y, 1)).map(|(x, y)| [x, y]),
             t_unit_s: t_resolution.map(|counts| 1.0 / counts).or(t_unit_s).unwrap_or(1e-3),
-            t_begin_s: t_begin_s.unwrap_or_default(),
+            t_begin_ms: t_begin_ms.unwrap_or_default(),
         })
     }
 

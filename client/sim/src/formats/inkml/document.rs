@@ -2,7 +2,9 @@
 //! annotations.
 
 use super::context::{InkContext, InkSource, TraceFormat};
+use super::datetime;
 use super::trace::{Points, decode};
+use crate::data::Remark;
 use quick_xml::events::{BytesStart, Event};
 use quick_xml::reader::Reader;
 use std::collections::HashMap;
@@ -11,8 +13,8 @@ use std::rc::Rc;
 const DEPTH_MAX: usize = 64;
 const TRACES_MAX: usize = 1_000_000;
 const LABEL_MAX: usize = 1000;
-/// Milliseconds since 1970 are of the order of 1e9 seconds.
-const TIME_MAX_S: f64 = 1e12;
+/// Milliseconds since 1970 are of the order of 1e12.
+const TIME_MAX_MS: f64 = 1e15;
 
 /// What is wrong and at which byte.
 pub(super) type SyntaxFault = (usize, String);
@@ -24,6 +26,23 @@ pub(super) struct Document {
     /// The first is the document itself.
     pub(super) groups: Vec<TraceGroup>,
     pub(super) ids: HashMap<String, Referent>,
+    /// The first `sampleRate` that is none, and where.
+    pub(super) no_rate: Option<SyntaxFault>,
+    /// Points that the T channel has no value for.
+    timeless: u64,
+    /// Timestamps in no form that is read.
+    odd_timestamps: u64,
+}
+
+impl Document {
+    /// What of it was not taken as it stands.
+    pub(super) fn remarks(&self) -> Vec<Remark> {
+        let timeless = "points have no T; they are placed in time by those beside them in their trace, or by \
+                        the rate";
+        let odd = "timestamps have a timeString that is no xsd:dateTime, and are not used";
+        let remarks = [Remark::counted(self.timeless, timeless), Remark::counted(self.odd_timestamps, odd)];
+        remarks.into_iter().flatten().collect()
+    }
 }
 
 /// One run of the pen.
@@ -32,8 +51,8 @@ pub(super) struct Trace {
     pub(super) contact: bool,
     pub(super) points: Points,
     pub(super) context: Rc<InkContext>,
-    /// Begin and length as its attributes state them \[s\].
-    pub(super) offset_s: Option<f64>,
+    /// Begin \[ms\] and length \[s\] as its attributes state them.
+    pub(super) offset_ms: Option<f64>,
     pub(super) duration_s: Option<f64>,
 }
 
@@ -134,7 +153,7 @@ enum ElementKind {
         contact: bool,
         context: Rc<InkContext>,
         prior: Option<Option<String>>,
-        offset_s: Option<f64>,
+        offset_ms: Option<f64>,
         duration_s: Option<f64>,
     },
     Group,
@@ -176,12 +195,17 @@ impl Builder {
             "traceFormat" => self.format = TraceFormat::default(),
             "channel" => {
                 let intermittent = self.inside("intermittentChannels");
-                let begin_s = self.referred(a, "respectTo", |b| &b.timestamps).ok().flatten().map(|s| *s);
+                let begin_ms = self.referred(a, "respectTo", |b| &b.timestamps).ok().flatten().map(|ms| *ms);
                 let (name, units) = (a.get("name"), a.get("units"));
-                self.format.add(name, units, a.get("orientation"), begin_s, intermittent)?;
+                self.format.add(name, units, a.get("orientation"), begin_ms, intermittent)?;
             }
             "inkSource" => self.source = InkSource::default(),
-            "sampleRate" => self.source.state_rate(a.get("value"))?,
+            // Where stamps tell the time no rate is needed.
+            "sampleRate" => {
+                if let Err(why) = self.source.state_rate(a.get("value")) {
+                    self.document.no_rate.get_or_insert((at, why));
+                }
+            }
             "channelProperty" if a.get("name").as_deref() == Some("resolution") => {
                 let channel = a.get("channel").unwrap_or_default();
                 self.source.state_resolution(&channel, a.get("value"), a.get("units"));
@@ -195,17 +219,20 @@ impl Builder {
                 if let Some(source) = self.referred(a, "inkSourceRef", |b| &b.sources)? {
                     self.context.source = Some(source);
                 }
-                if let Some(begin_s) = self.referred(a, "timestampRef", |b| &b.timestamps)? {
-                    self.context.begin_s = Some(*begin_s);
+                if let Some(begin_ms) = self.referred(a, "timestampRef", |b| &b.timestamps)? {
+                    self.context.begin_ms = Some(*begin_ms);
                 }
             }
             "timestamp" => {
-                let from_s = self.referred(a, "timestampRef", |b| &b.timestamps)?.map_or(0.0, |s| *s);
-                let begin_s =
-                    from_s + milliseconds(a, "time").or(milliseconds(a, "timeOffset")).unwrap_or(0.0);
-                self.timestamps.extend(a.get("id").map(|id| (id, Rc::new(begin_s))));
+                let from_ms = self.referred(a, "timestampRef", |b| &b.timestamps)?.map(|ms| *ms);
+                let dated_ms = a.get("timeString").map(|text| datetime::milliseconds(&text));
+                self.document.odd_timestamps += u64::from(dated_ms == Some(None));
+                let base_ms = milliseconds(a, "time").or(dated_ms.flatten()).or(from_ms);
+                let begin_ms =
+                    base_ms.unwrap_or_default() + milliseconds(a, "timeOffset").unwrap_or_default();
+                self.timestamps.extend(a.get("id").map(|id| (id, Rc::new(begin_ms))));
                 if self.open.last().is_some_and(|o| o.name == "context") {
-                    self.context.begin_s = Some(begin_s);
+                    self.context.begin_ms = Some(begin_ms);
                 }
             }
             "trace" => {
@@ -223,8 +250,8 @@ impl Builder {
                     contact,
                     context,
                     prior: continues.then(|| a.get("priorRef")),
-                    offset_s: milliseconds(a, "timeOffset"),
-                    duration_s: milliseconds(a, "duration").filter(|s| *s > 0.0),
+                    offset_ms: milliseconds(a, "timeOffset"),
+                    duration_s: milliseconds(a, "duration").map(|ms| ms * 1e-3).filter(|s| *s > 0.0),
                 });
             }
             "traceGroup" | "traceView" => {
@@ -252,10 +279,10 @@ impl Builder {
         let parent = self.open.last().map_or(String::new(), |o| o.name.clone());
         match closed.kind {
             ElementKind::Annotation(what) => self.annotate(&what, text.trim()),
-            ElementKind::Trace { contact, context, prior, offset_s, duration_s } => {
+            ElementKind::Trace { contact, context, prior, offset_ms, duration_s } => {
                 let layout = context.layout().map_err(|why| (at, why))?;
                 let points = decode(&text, &layout).map_err(|(offset, why)| (self.text_at + offset, why))?;
-                let trace = Trace { contact, points, context, offset_s, duration_s };
+                let trace = Trace { contact, points, context, offset_ms, duration_s };
                 self.trace(trace, closed.id, prior).map_err(|why| (at, why))?;
             }
             ElementKind::Group => {
@@ -395,8 +422,8 @@ impl Builder {
                 return Err("a continued trace whose priorRef names no trace above it".to_owned());
             };
             if let Some(begun) = self.document.traces.get_mut(index) {
-                begun.points.xy.extend(trace.points.xy);
-                begun.points.times.extend(trace.points.times);
+                let (layout, other) = (begun.context.layout()?, trace.context.layout()?);
+                begun.points.go_on(trace.points, &layout, &other)?;
             }
             self.name(id, Referent::Trace(index));
             return Ok(());
@@ -408,11 +435,14 @@ impl Builder {
         Ok(())
     }
 
-    fn finish(self, at: usize) -> Result<Document, SyntaxFault> {
-        match self.open.last() {
-            Some(open) => Err((at, format!("the file ends inside <{}>", cut(&open.name, 40)))),
-            None => Ok(self.document),
+    fn finish(mut self, at: usize) -> Result<Document, SyntaxFault> {
+        if let Some(open) = self.open.last() {
+            return Err((at, format!("the file ends inside <{}>", cut(&open.name, 40))));
         }
+        for trace in &mut self.document.traces {
+            self.document.timeless += trace.points.place_in_time() as u64;
+        }
+        Ok(self.document)
     }
 }
 
@@ -443,10 +473,10 @@ impl Attributes {
     }
 }
 
-/// An attribute in milliseconds \[s\].
+/// An attribute in milliseconds.
 fn milliseconds(attributes: &Attributes, name: &str) -> Option<f64> {
     let number = attributes.get(name)?.trim().parse::<f64>().ok()?;
-    Some(number * 1e-3).filter(|s| s.abs() <= TIME_MAX_S)
+    Some(number).filter(|ms| ms.abs() <= TIME_MAX_MS)
 }
 
 fn cut(text: &str, limit: usize) -> String {

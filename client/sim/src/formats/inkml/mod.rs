@@ -5,8 +5,9 @@
 //! them, and take them from groups without a label. A file without groups is one character, labelled by the
 //! document's own annotation. Y is turned upwards (InkML's own direction is down). Time: the T channel, from
 //! the timestamp of its `respectTo` or context on; else `sampleRate`; else `duration` of the traces; else 100
-//! Hz (assumed). Length: the channel's `resolution`, else its `units`. A trace that names no context has the
-//! one in force, else the only one that the file defines.
+//! Hz (assumed). Points without T are placed by the others of their trace. Length: the channel's
+//! `resolution`, else its `units`. A trace that names no context has the one in force, else the only one that
+//! the file defines.
 //!
 //! Absent: brushes, canvases, mappings, archives of several documents, views of parts of a trace, channels
 //! other than X, Y and T. Traces outside every group are left out where there are groups. Source: W3C
@@ -14,15 +15,17 @@
 
 mod context;
 mod trace;
+mod datetime;
 mod document;
+mod clock;
 
-use crate::data::{Character, Component, FileError, Quantity, Recording, decoded, settle};
-use context::{InkContext, PointLayout};
+use crate::data::{Character, Component, FileError, Quantity, Recording, Remark, decoded, settle};
+use clock::{InkClock, contexts};
+use context::PointLayout;
 use document::{Document, GroupItem, Referent, SyntaxFault, Trace};
 use foretrace_config::files::shortened_path;
 use std::collections::HashSet;
 use std::path::Path;
-use std::rc::Rc;
 
 const POINTS_MAX: usize = 20_000_000;
 const COMPONENT_COST: usize = 4;
@@ -43,12 +46,19 @@ pub(crate) fn parse_inkml(bytes: &[u8], path: &Path) -> Result<Recording, FileEr
     let document = document::read(text).map_err(refused)?;
     let whole = |why: String| FileError::whole(path, why);
     let scale = InkScale::of(&document).map_err(whole)?;
-    let clock = InkClock::of(&document);
-    let mut segments = characters(&document, &scale, &clock).map_err(refused)?;
+    let clock = InkClock::of(&document).map_err(whole)?;
+    let (mut segments, outside) = characters(&document, &scale, &clock).map_err(refused)?;
     let settled = settle(&mut segments, clock.stated_hz()).map_err(whole)?;
-    let (rate_hz, remarks) = match settled {
-        Some((cadence, remarks)) => (Some(cadence.rate_hz), remarks),
-        None => (clock.rates_hz.first().copied(), Vec::new()),
+    let mut remarks = document.remarks();
+    remarks.extend(Remark::counted(outside, "strokes stand outside every group, and are left out"));
+    let rate_hz = match (settled, &document.no_rate) {
+        (Some((cadence, of_stamps)), no_rate) => {
+            let unused = no_rate.as_ref().map(|(_, why)| Remark::new(format!("{why}; its stamps count")));
+            remarks.extend(of_stamps.into_iter().chain(clock.remark()).chain(unused));
+            Some(cadence.rate_hz)
+        }
+        (None, Some(no_rate)) => return Err(refused(no_rate.clone())),
+        (None, None) => clock.first_rate_hz(),
     };
     if !segments.iter().any(|c| c.components.iter().any(|c| c.contact)) {
         return Err(FileError::whole(path, "no ink: the file has no trace with points"));
@@ -99,61 +109,12 @@ impl InkScale {
     }
 }
 
-/// How traces without a T channel pass.
-struct InkClock {
-    /// As stated by the contexts in use, each once.
-    rates_hz: Vec<f64>,
-}
-
-impl InkClock {
-    fn of(document: &Document) -> Self {
-        let mut rates_hz: Vec<f64> = Vec::new();
-        for rate_hz in contexts(document).filter_map(|context| context.rate_hz()) {
-            if !rates_hz.contains(&rate_hz) {
-                rates_hz.push(rate_hz);
-            }
-        }
-        Self { rates_hz }
-    }
-
-    /// The rate of the whole file.
-    fn stated_hz(&self) -> Option<f64> {
-        self.rates_hz.first().copied().filter(|_| self.rates_hz.len() == 1)
-    }
-
-    /// Stamps of the points of `trace`: of its T channel, else by its own rate or duration where that tells
-    /// more than the rate of the file; empty where nothing does.
-    fn stamps_s(&self, trace: &Trace, layout: &PointLayout) -> Vec<f64> {
-        let count = trace.points.xy.len();
-        if let Some(first) = trace.points.times.first() {
-            // A channel that begins at zero counts from where the trace does.
-            let begin_s = trace.offset_s.filter(|_| *first == 0.0).unwrap_or(layout.t_begin_s);
-            return trace.points.times.iter().map(|t| begin_s + t * layout.t_unit_s).collect();
-        }
-        let rate_hz = trace.context.rate_hz().filter(|_| self.rates_hz.len() > 1 || trace.offset_s.is_some());
-        let lasting = trace.duration_s.filter(|_| self.rates_hz.is_empty() && count > 1);
-        let step_s = rate_hz.map(|hz| 1.0 / hz).or(lasting.map(|s| s / (count - 1) as f64));
-        let begin_s = trace.offset_s.unwrap_or_default();
-        step_s.map_or(Vec::new(), |step_s| (0..count).map(|k| begin_s + k as f64 * step_s).collect())
-    }
-}
-
-/// The contexts of traces with points, each where another comes before it.
-fn contexts(document: &Document) -> impl Iterator<Item = &Rc<InkContext>> {
-    let mut last: Option<&Rc<InkContext>> = None;
-    let traces = document.traces.iter().filter(|t| !t.points.xy.is_empty());
-    traces.map(|t| &t.context).filter(move |context| {
-        let other = last.is_none_or(|last| !Rc::ptr_eq(last, context));
-        last = Some(context);
-        other
-    })
-}
-
+/// With the number of strokes that belong to none of them.
 fn characters(
     document: &Document,
     scale: &InkScale,
     clock: &InkClock,
-) -> Result<Vec<Character>, SyntaxFault> {
+) -> Result<(Vec<Character>, u64), SyntaxFault> {
     let groups = &document.groups;
     let mut budget = POINTS_MAX;
     // Which group each run of ink belongs to; the document itself is group 0.
@@ -177,6 +138,11 @@ fn characters(
         }
     }
     let grouped = owned.iter().skip(1).any(|traces| !traces.is_empty());
+    let inside: HashSet<usize> = owned.iter().skip(usize::from(grouped)).flatten().copied().collect();
+    let is_outside = |(index, trace): &(usize, &Trace)| {
+        trace.contact && !trace.points.xy.is_empty() && !inside.contains(index)
+    };
+    let outside = document.traces.iter().enumerate().filter(is_outside).count() as u64;
     let mut characters = Vec::new();
     for (index, traces) in owned.iter().enumerate().skip(usize::from(grouped)) {
         let Some(group) = groups.get(index) else { continue };
@@ -193,7 +159,7 @@ fn characters(
             components,
         });
     }
-    Ok(characters)
+    Ok((characters, outside))
 }
 
 /// The nearest group with a label, the document aside; else the group itself.

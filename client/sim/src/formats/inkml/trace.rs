@@ -2,7 +2,8 @@
 //! differences.
 //!
 //! A prefix holds for its channel until the next one. `*` repeats the last number of the channel, `?` is a
-//! value that was not reported. Values need no space between them where a sign or prefix tells them apart.
+//! value that was not reported: a difference behind it counts from the last one that was. Values need no
+//! space between them where a sign or prefix tells them apart.
 //! Source: W3C Recommendation "Ink Markup Language (InkML)", 20 September 2011, section 3.3.1.
 
 use super::context::PointLayout;
@@ -16,7 +17,7 @@ const TIME_MAX: f64 = 1e19;
 pub(super) struct Points {
     /// As written, y not turned yet.
     pub(super) xy: Vec<[f64; 2]>,
-    /// In the unit of the T channel; empty without one, else as long as `xy`.
+    /// In the unit of the T channel; empty without one, else as long as `xy`. NaN where it was not reported.
     pub(super) times: Vec<f64>,
 }
 
@@ -38,6 +39,8 @@ struct ChannelState {
     /// The last number written, whatever its encoding.
     written: Option<f64>,
     value: Option<f64>,
+    /// The last value, of whatever point, that was no `?`.
+    reported: Option<f64>,
     step: f64,
 }
 
@@ -90,9 +93,9 @@ impl Points {
         if *filled < layout.required {
             return Err((at, format!("a point has {filled} of {} values", layout.required)));
         }
+        let value_of = |index: usize| channels.get(index).filter(|_| index < *filled).and_then(|c| c.value);
         let read = |index: usize, name: &str, limit: f64| {
-            let value = channels.get(index).filter(|_| index < *filled).and_then(|c| c.value);
-            let value = value.ok_or_else(|| (at, format!("a point without a value for {name}")))?;
+            let value = value_of(index).ok_or_else(|| (at, format!("a point without a value for {name}")))?;
             if value.abs() <= limit {
                 Ok(value)
             } else {
@@ -101,10 +104,86 @@ impl Points {
         };
         self.xy.push([read(layout.x, "X", VALUE_MAX)?, read(layout.y, "Y", VALUE_MAX)?]);
         if let Some(t) = layout.t {
-            self.times.push(read(t, "T", TIME_MAX)?);
+            let reported = value_of(t).is_some();
+            self.times.push(if reported { read(t, "T", TIME_MAX)? } else { f64::NAN });
         }
         *filled = 0;
         Ok(())
+    }
+}
+
+impl Points {
+    /// Adds those of a trace that goes on with this one: as `other` lays them out, where these are as
+    /// `layout` does. Channels may differ, units are converted.
+    ///
+    /// # Errors
+    /// Only one of both has a unit of length.
+    pub(super) fn go_on(
+        &mut self,
+        next: Self,
+        layout: &PointLayout,
+        other: &PointLayout,
+    ) -> Result<(), String> {
+        let units = match (layout.units_per_m, other.units_per_m) {
+            (Some(here), Some(there)) => [0, 1].map(|axis| here[axis] / there[axis]),
+            (None, None) => [1.0; 2],
+            _ => {
+                return Err(
+                    "a trace goes on in a context where X and Y have a unit of length, and begins in \
+                            one where they have none, or the other way; state it in both"
+                        .to_owned(),
+                );
+            }
+        };
+        let by = [0, 1].map(|axis| units[axis] * other.turn[axis] / layout.turn[axis]);
+        let begins = self.xy.len();
+        self.xy.extend(next.xy.iter().map(|[x, y]| [x * by[0], y * by[1]]));
+        if self.times.is_empty() && next.times.is_empty() {
+            return Ok(());
+        }
+        // What has no time of its own is placed by the rest.
+        self.times.resize(begins, f64::NAN);
+        let later = (other.t_begin_ms - layout.t_begin_ms) * 1e-3 / layout.t_unit_s;
+        let t_by = other.t_unit_s / layout.t_unit_s;
+        self.times.extend(next.times.iter().map(|t| later + t * t_by));
+        self.times.resize(self.xy.len(), f64::NAN);
+        Ok(())
+    }
+
+    /// Gives points without a time one in line with those beside them, at the ends in their usual step, and
+    /// returns how many. Fewer than two known times are no clock: then all go.
+    pub(super) fn place_in_time(&mut self) -> usize {
+        let known: Vec<(usize, f64)> =
+            self.times.iter().copied().enumerate().filter(|(_, t)| !t.is_nan()).collect();
+        let missing = self.times.len() - known.len();
+        let (Some(first), Some(last)) = (known.first(), known.last()) else {
+            self.times.clear();
+            return missing;
+        };
+        if missing == 0 {
+            return 0;
+        }
+        let slope = |a: &(usize, f64), b: &(usize, f64)| (b.1 - a.1) / (b.0 - a.0) as f64;
+        let mut steps: Vec<f64> = known.windows(2).map(|w| slope(&w[0], &w[1])).collect();
+        steps.sort_by(f64::total_cmp);
+        let Some(usual) = steps.get(steps.len() / 2) else {
+            self.times.clear();
+            return missing;
+        };
+        let mut behind = known.iter().peekable();
+        let mut before: Option<&(usize, f64)> = None;
+        for (index, time) in self.times.iter_mut().enumerate() {
+            if let Some(here) = behind.next_if(|(at, _)| *at == index) {
+                before = Some(here);
+                continue;
+            }
+            *time = match (before, behind.peek()) {
+                (Some(a), Some(b)) => a.1 + slope(a, b) * (index - a.0) as f64,
+                (Some(_), None) => last.1 + usual * (index - last.0) as f64,
+                (None, _) => first.1 - usual * (first.0 - index) as f64,
+            };
+        }
+        missing
     }
 }
 
@@ -123,16 +202,16 @@ impl ChannelState {
             }
         };
         self.written = Some(number);
-        let before = self.value;
+        let before = self.reported;
         if self.encoding == Encoding::Explicit {
             self.step = before.map_or(0.0, |before| number - before);
-            self.value = Some(number);
+            (self.value, self.reported) = (Some(number), Some(number));
             return Ok(());
         }
         let before =
             before.ok_or("a difference with no value before it; the first point must be explicit")?;
         self.step = if self.encoding == Encoding::First { number } else { self.step + number };
-        self.value = Some(before + self.step);
+        (self.value, self.reported) = (Some(before + self.step), Some(before + self.step));
         Ok(())
     }
 }
@@ -238,6 +317,25 @@ mod tests {
         assert_eq!(xy("0 0,'1-2,!7!-8,9+3,").unwrap(), [[0.0, 0.0], [1.0, -2.0], [7.0, -8.0], [9.0, 3.0]]);
         assert_eq!(xy("1.5e1-2E-1,#1F * ").unwrap(), [[15.0, -0.2], [31.0, -0.2]]);
         assert_eq!(xy(" \n").unwrap(), Vec::<[f64; 2]>::new());
+    }
+
+    #[test]
+    fn points_without_a_time_stand_in_line_with_those_beside_them() {
+        let layout = PointLayout { channels: 3, required: 3, t: Some(2), ..PointLayout::plain() };
+        for (times, wanted, missing) in [
+            ("0 5 ? 15 20", vec![0.0, 5.0, 10.0, 15.0, 20.0], 1),
+            ("? ? 10 15 20 ?", vec![0.0, 5.0, 10.0, 15.0, 20.0, 25.0], 3),
+            ("? 7 ?", vec![], 2),
+            ("? ?", vec![], 2),
+            ("3", vec![3.0], 0),
+            // A difference counts from the last time that was reported.
+            ("0 '5 ? '10 '5", vec![0.0, 5.0, 10.0, 15.0, 20.0], 1),
+        ] {
+            let text: Vec<String> = times.split(' ').map(|t| format!("1 2 {t}")).collect();
+            let mut points = decode(&text.join(","), &layout).unwrap();
+            let found = (points.place_in_time(), points.xy.len(), points.times);
+            assert_eq!(found, (missing, text.len(), wanted), "{times}");
+        }
     }
 
     #[test]

@@ -2,7 +2,8 @@
 //!
 //! Only non-empty `.PEN_DOWN`/`.PEN_UP` blocks are components and are counted; a block that holds just `0 0`
 //! counts. Columns other than X, Y and T are skipped; the time base is T in milliseconds, else
-//! `.POINTS_PER_SECOND`. Of segments of several types the finest count: characters, else words, else lines.
+//! `.POINTS_PER_SECOND`. Of segments of several types the finest count: characters, else words, else lines;
+//! ink of none of them is left out, which a remark counts.
 //!
 //! A file with `.SEGMENT DIGIT` is of UCI's pendigits set, which leaves its header file out: columns X Y, 100
 //! Hz (assumed: its description says "100 milliseconds", which some 40 points per digit rule out), unit
@@ -14,9 +15,10 @@
 mod text;
 mod segment;
 
-use crate::data::{Character, Component, FileError, Quantity, Recording, settle};
+use crate::data::{Character, Component, FileError, Quantity, Recording, Remark, settle};
 use foretrace_config::files::shortened_path;
-use segment::{InkSegment, delimit, finest, is_character, parse_segment};
+use segment::{InkSegment, Levels, delimit, finest, is_character, parse_segment};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use text::{At, Statement, read_statements, resolve_include};
 
@@ -44,7 +46,7 @@ const PENDIGITS_RATE_HZ: f64 = 100.0;
 /// characters, no points.
 pub(crate) fn parse_unipen(bytes: &[u8], path: &Path) -> Result<Recording, FileError> {
     let mut ink = InkFile::default();
-    ink.read_text(&text::latin1(bytes), path, path, &mut Vec::new())?;
+    ink.read_text(&text::text_of(bytes), path, path, &mut Vec::new())?;
     ink.finish(path)
 }
 
@@ -57,13 +59,18 @@ struct InkFile {
     bytes: u64,
     columns: Option<Columns>,
     rate_hz: Option<f64>,
+    /// The newest statement of the rate is none.
+    no_rate: Option<FileError>,
+    /// The first T \[ms\]: others count from it, since times since 1970 leave few digits to those between.
+    begin_ms: Option<f64>,
     per_mm: [Option<f64>; 2],
     components: Vec<Component>,
     open: Option<Component>,
     gap_s: Option<f64>,
     segments: Vec<(At, InkSegment)>,
-    /// The first of another type that could not be read.
-    malformed: Option<FileError>,
+    /// Those of other types that could not be read: how many of each, and the first.
+    malformed: BTreeMap<String, u64>,
+    first_malformed: Option<FileError>,
     /// Types of segments, from coarse to fine.
     hierarchy: Vec<String>,
     /// Of the newest `.WRITER_ID`.
@@ -140,13 +147,17 @@ impl InkFile {
             let wanted = shortened_path(wanted, 60);
             return Err(at.fails(&format!("include {wanted:?} is cyclic: that file is being read already")));
         }
-        self.read_text(&text::read_latin1(&file)?, root, &file, stack)
+        self.read_text(&text::text_of(&text::read_included(&file)?), root, &file, stack)
     }
 
     fn take(&mut self, statement: &Statement<'_>, at: At) -> Result<(), FileError> {
         match statement.keyword {
             ".COORD" => self.columns = Some(columns(statement).map_err(|why| at.fails(&why))?),
-            ".POINTS_PER_SECOND" => self.rate_hz = Some(positive(statement, &at)?),
+            // Where T tells the time no rate is needed.
+            ".POINTS_PER_SECOND" => {
+                let stated = positive(statement, &at);
+                (self.rate_hz, self.no_rate) = (stated.as_ref().ok().copied(), stated.err());
+            }
             ".X_POINTS_PER_MM" => self.per_mm[0] = Some(positive(statement, &at)?),
             ".Y_POINTS_PER_MM" => self.per_mm[1] = Some(positive(statement, &at)?),
             ".X_POINTS_PER_INCH" => self.per_mm[0] = Some(positive(statement, &at)? / 25.4),
@@ -165,7 +176,8 @@ impl InkFile {
                     // Words and pages are seldom of use, and written in every way.
                     Err(why) if is_character(statement.first()) => return Err(at.fails(&why)),
                     Err(why) => {
-                        self.malformed.get_or_insert_with(|| at.fails(&why));
+                        *self.malformed.entry(text::shortened(statement.first())).or_default() += 1;
+                        self.first_malformed.get_or_insert_with(|| at.fails(&why));
                     }
                 }
             }
@@ -241,7 +253,8 @@ impl InkFile {
                         }
                     }
                     if columns.t == Some(column) {
-                        stamp_s = Some(number("T", token, (-TIME_MAX_MS, TIME_MAX_MS), line, &at)? * 1e-3);
+                        let ms = number("T", token, (-TIME_MAX_MS, TIME_MAX_MS), line, &at)?;
+                        stamp_s = Some((ms - *self.begin_ms.get_or_insert(ms)) * 1e-3);
                     }
                 }
                 let open =
@@ -266,37 +279,38 @@ impl InkFile {
         if self.components.is_empty() {
             return Err(whole.fails("no points: neither the file nor its includes have ink"));
         }
-        if self.segments.is_empty() {
-            if let Some(malformed) = self.malformed {
-                return Err(malformed);
-            }
-            return Err(whole.fails("no .SEGMENT line, so nothing says where a character starts and ends"));
-        }
-        let mut chosen = finest(std::mem::take(&mut self.segments), &self.hierarchy);
-        delimit(&mut chosen, self.components.len());
-        chosen.retain(|(_, segment)| segment.has_ink());
-        if chosen.is_empty() {
-            return Err(
-                whole.fails("no ink in any .SEGMENT: each has neither a delimiter nor components behind it")
-            );
-        }
+        let (chosen, mut remarks) = self.chosen(&whole)?;
         let units_per_m = match self.per_mm {
             [Some(x), Some(y)] => Some([x * 1e3, y * 1e3]),
             _ => None,
         };
         let mut budget = SEGMENT_POINTS_MAX;
-        let mut segments = Vec::with_capacity(self.segments.len());
+        let mut segments = Vec::with_capacity(chosen.len());
+        let mut taken = vec![false; self.components.len()];
         for (segment_index, (at, segment)) in chosen.into_iter().enumerate() {
             let components = segment.cut(&self.components, &mut budget).map_err(|why| at.fails(&why))?;
+            segment.mark(&mut taken);
             // A file may name its writer below the segments too.
             let writer = if segment.writer.is_empty() { self.writer.clone() } else { segment.writer };
             segments.push(Character { label: segment.label, writer, segment_index, components });
         }
+        let left = self.components.iter().zip(&taken).filter(|(c, taken)| !**taken && is_ink(c)).count();
+        remarks.extend(Remark::counted(
+            left as u64,
+            "strokes belong to no .SEGMENT of those that are read, and are left out",
+        ));
         let usual_hz = self.pendigits.as_ref().map(|_| PENDIGITS_RATE_HZ);
         let settled = settle(&mut segments, self.rate_hz.or(usual_hz)).map_err(|why| whole.fails(&why))?;
         let rate_assumed = self.rate_hz.is_none() && settled.is_none();
-        let (stamped_hz, remarks) =
+        let (stamped_hz, of_stamps) =
             settled.map_or((None, Vec::new()), |(c, remarks)| (Some(c.rate_hz), remarks));
+        remarks.extend(of_stamps);
+        if let Some(no_rate) = self.no_rate {
+            if stamped_hz.is_none() {
+                return Err(no_rate);
+            }
+            remarks.push(Remark::new(".POINTS_PER_SECOND is no rate and is not used: T counts"));
+        }
         let rate_hz = stamped_hz.or(self.rate_hz).or(usual_hz).ok_or_else(|| {
             whole.fails(
                 "no .POINTS_PER_SECOND, and no T in .COORD that rises: the time between points is unknown",
@@ -313,6 +327,38 @@ impl InkFile {
             remarks,
         })
     }
+
+    /// The segments that are read, each with its ink, and what of others was left out.
+    fn chosen(&mut self, whole: &At) -> Result<ChosenSegments, FileError> {
+        if self.segments.is_empty() {
+            return Err(self.first_malformed.take().unwrap_or_else(|| {
+                whole.fails("no .SEGMENT line, so nothing says where a character starts and ends")
+            }));
+        }
+        let levels = Levels::new(&self.hierarchy);
+        let (mut chosen, finest) = finest(std::mem::take(&mut self.segments), &levels);
+        // Of coarser ones nothing would have been read.
+        let lost = self.malformed.iter().filter(|(kind, _)| levels.of(&kind.to_ascii_uppercase()) <= finest);
+        let lost = lost.map(|(_, count)| count).sum();
+        let remarks = Remark::counted(lost, ".SEGMENT lines cannot be read, and are left out");
+        let remarks = remarks.into_iter().collect();
+        let inked: Vec<bool> = self.components.iter().map(is_ink).collect();
+        delimit(&mut chosen, &inked);
+        chosen.retain(|(_, segment)| segment.has_ink());
+        if chosen.is_empty() {
+            return Err(
+                whole.fails("no ink in any .SEGMENT: each has neither a delimiter nor components beside it")
+            );
+        }
+        Ok((chosen, remarks))
+    }
+}
+
+/// With their lines, and what of others was left out.
+type ChosenSegments = (Vec<(At, InkSegment)>, Vec<Remark>);
+
+fn is_ink(component: &Component) -> bool {
+    component.contact && !component.is_dummy()
 }
 
 fn columns(statement: &Statement<'_>) -> Result<Columns, String> {

@@ -2,10 +2,12 @@
 //!
 //! Delimiter: comma list of `a` (component a), `a-b` (components a to b inclusive), `a:i-b:j` (point i of a
 //! to point j of b inclusive; either point may be left out). Everything counts from 0. Without a delimiter
-//! the segment has the components up to the next one of its type; at the end of a file, those since the last.
+//! the segment has the components up to the next one that counts; where ink stands above the first of them
+//! and none below the last, it has those since the one before.
 
 use super::text::{Statement, shortened};
 use crate::data::Component;
+use std::collections::HashMap;
 
 pub(super) struct InkSegment {
     pub(super) kind: String,
@@ -26,9 +28,11 @@ struct Range {
 }
 
 /// Segments from fine to coarse; those that a file names no finer ones beside are its characters.
-const KINDS: [&[&str]; 6] = [
+const KINDS: [&[&str]; 7] = [
     // DIGIT is what pendigits calls its characters.
-    &["CHARACTER", "DIGIT", "SYMBOL", "GLYPH"],
+    &["CHARACTER", "DIGIT"],
+    // Parts of characters or others for them, beside those.
+    &["SYMBOL", "GLYPH"],
     &["WORD"],
     &["SENTENCE", "LINE", "PHRASE", "TEXT_LINE", "FORMULA"],
     &["PARAGRAPH", "TEXT"],
@@ -59,35 +63,67 @@ pub(super) fn parse_segment(statement: &Statement<'_>, begins: usize) -> Result<
     Ok(InkSegment { kind, label, writer: String::new(), ranges, begins })
 }
 
-/// Keeps the finest segments: characters, else words, else lines and so on. `hierarchy` is what the file says
-/// of its types, from coarse to fine; it orders those that are not known here.
-pub(super) fn finest<T>(segments: Vec<(T, InkSegment)>, hierarchy: &[String]) -> Vec<(T, InkSegment)> {
-    let level = |kind: &str| {
+/// How fine types of segments are.
+pub(super) struct Levels<'h>(HashMap<&'h str, usize>);
+
+impl<'h> Levels<'h> {
+    /// `hierarchy` is what the file says of its types, from coarse to fine; it orders those that are not
+    /// known here.
+    pub(super) fn new(hierarchy: &'h [String]) -> Self {
+        let told = hierarchy.iter().enumerate();
+        Self(told.map(|(index, kind)| (kind.as_str(), KINDS.len() + hierarchy.len() - 1 - index)).collect())
+    }
+
+    /// The less, the finer.
+    pub(super) fn of(&self, kind: &str) -> usize {
         let known = KINDS.iter().position(|kinds| kinds.contains(&kind));
-        let told = hierarchy.iter().rev().position(|told| told == kind);
-        known.unwrap_or(KINDS.len() + told.unwrap_or(hierarchy.len()))
-    };
-    let least = segments.iter().map(|(_, segment)| level(&segment.kind)).min();
-    segments.into_iter().filter(|(_, segment)| Some(level(&segment.kind)) == least).collect()
+        known.or_else(|| self.0.get(kind).copied()).unwrap_or(usize::MAX)
+    }
 }
 
-/// Gives segments without a delimiter the components between them.
-pub(super) fn delimit<T>(segments: &mut [(T, InkSegment)], components: usize) {
+/// Keeps the finest segments: characters, else words, else lines and so on; with their level.
+pub(super) fn finest<T>(
+    mut segments: Vec<(T, InkSegment)>,
+    levels: &Levels<'_>,
+) -> (Vec<(T, InkSegment)>, usize) {
+    let of_each: Vec<usize> = segments.iter().map(|(_, segment)| levels.of(&segment.kind)).collect();
+    let finest = of_each.iter().copied().min().unwrap_or(usize::MAX);
+    let mut level = of_each.into_iter();
+    segments.retain(|_| level.next() == Some(finest));
+    (segments, finest)
+}
+
+/// Gives segments without a delimiter the components between them. `inked`: which components are ink.
+pub(super) fn delimit<T>(segments: &mut [(T, InkSegment)], inked: &[bool]) {
+    let components = inked.len();
     let begins: Vec<usize> = segments.iter().map(|(_, segment)| segment.begins).collect();
+    let below = stand_below(segments, inked);
     let mut covered = 0;
     for (index, (_, segment)) in segments.iter_mut().enumerate() {
         if segment.ranges.is_empty() {
             let next = begins.get(index + 1).copied().unwrap_or(components);
-            // Where segments stand below their ink, the last one has nothing behind it.
-            let (first, end) =
-                if segment.begins < next { (segment.begins, next) } else { (covered, segment.begins) };
+            let behind = !below && segment.begins < next;
+            let (first, end) = if behind { (segment.begins, next) } else { (covered, segment.begins) };
             if first < end {
                 segment.ranges.push(Range { first: (first, None), last: (end - 1, None) });
             }
         }
-        let last = segment.ranges.iter().map(|range| range.last.0 + 1).max();
-        covered = covered.max(last.unwrap_or_default());
+        covered = covered.max(segment.end());
     }
+}
+
+/// Whether segments without a delimiter stand below their ink: the first has ink above it that is nobody's,
+/// and the last has none below it.
+fn stand_below<T>(segments: &[(T, InkSegment)], inked: &[bool]) -> bool {
+    let ink = |from: usize, to: usize| inked.get(from..to).unwrap_or_default().contains(&true);
+    let bare = |(_, segment): &&(T, InkSegment)| segment.ranges.is_empty();
+    let (Some((_, first)), Some((_, last))) = (segments.iter().find(bare), segments.iter().rev().find(bare))
+    else {
+        return false;
+    };
+    let before = segments.iter().take_while(|segment| !bare(segment));
+    let covered = before.map(|(_, segment)| segment.end()).max().unwrap_or_default();
+    ink(covered, first.begins) && !ink(last.begins, inked.len())
 }
 
 /// Whether this type is of single characters.
@@ -96,6 +132,18 @@ pub(super) fn is_character(kind: &str) -> bool {
 }
 
 impl InkSegment {
+    /// Components up to the last one of the delimiter.
+    fn end(&self) -> usize {
+        self.ranges.iter().map(|range| range.last.0.saturating_add(1)).max().unwrap_or_default()
+    }
+
+    /// Marks its components in `taken`.
+    pub(super) fn mark(&self, taken: &mut [bool]) {
+        for Range { first, last } in &self.ranges {
+            taken.get_mut(first.0..=last.0).unwrap_or_default().fill(true);
+        }
+    }
+
     pub(super) fn has_ink(&self) -> bool {
         !self.ranges.is_empty()
     }
@@ -240,8 +288,8 @@ mod tests {
             }
         }
         let hierarchy: Vec<String> = hierarchy.iter().map(|kind| (*kind).to_owned()).collect();
-        let mut segments = finest(segments, &hierarchy);
-        delimit(&mut segments, begins);
+        let (mut segments, _) = finest(segments, &Levels::new(&hierarchy));
+        delimit(&mut segments, &vec![true; begins]);
         let of = |(_, s): ((), InkSegment)| (s.kind, s.label, s.ranges[0].first.0, s.ranges[0].last.0);
         segments.into_iter().map(of).collect()
     }
@@ -256,6 +304,12 @@ mod tests {
         assert_eq!(left(&three, &[]), [wanted("CHARACTER", "", 0, 2), wanted("CHARACTER", "b", 3, 4)]);
         let below = ["2", "CHARACTER \"a\""];
         assert_eq!(left(&below, &[]), [wanted("CHARACTER", "a", 0, 1)]);
+        let pairs = ["2", "CHARACTER \"a\"", "3", "CHARACTER \"b\"", "1", "CHARACTER \"c\""];
+        let each =
+            [wanted("CHARACTER", "a", 0, 1), wanted("CHARACTER", "b", 2, 4), wanted("CHARACTER", "c", 5, 5)];
+        assert_eq!(left(&pairs, &[]), each);
+        // Above their ink, the first two components are nobody's.
+        assert_eq!(left(&[&pairs[..4], &["1"]].concat(), &[])[0], wanted("CHARACTER", "a", 2, 4));
         let mixed = ["4", "CHARACTER 0-1 OK \"a\"", "CHARACTER OK \"b\""];
         assert_eq!(left(&mixed, &[]), [wanted("CHARACTER", "a", 0, 1), wanted("CHARACTER", "b", 2, 3)]);
     }
@@ -268,5 +322,9 @@ mod tests {
         // Types that only the file itself orders.
         let own = ["SHEET 0-3", "FIELD 0-1 OK \"7\"", "4"];
         assert_eq!(left(&own, &["SHEET", "FIELD"]), [wanted("FIELD", "7", 0, 1)]);
+        // Parts of characters are no characters beside them, and digits are.
+        let parts = ["GLYPH 0 ? \"g\"", "CHARACTER 0-1 ? \"a\"", "SYMBOL 1 ? \"s\"", "DIGIT 2 ? \"7\"", "3"];
+        assert_eq!(left(&parts, &[]), [wanted("CHARACTER", "a", 0, 1), wanted("DIGIT", "7", 2, 2)]);
+        assert_eq!(left(&parts[..1], &[]), [wanted("GLYPH", "g", 0, 0)]);
     }
 }

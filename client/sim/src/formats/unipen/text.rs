@@ -1,7 +1,9 @@
-//! The lines of a UNIPEN file: Latin-1, keywords in column one, arguments up to the next keyword.
+//! The lines of a UNIPEN file: Latin-1 unless a mark says otherwise, keywords in column one, arguments up to
+//! the next keyword.
 
-use crate::data::FileError;
+use crate::data::{FileError, decoded, foreign};
 use foretrace_config::files::{read_regular, shortened_path};
+use std::borrow::Cow;
 use std::path::{Component as Part, Path, PathBuf};
 
 const FILE_BYTES_MAX: u64 = 64 << 20;
@@ -68,14 +70,28 @@ pub(super) fn read_statements(text: &str) -> Vec<Statement<'_>> {
     statements
 }
 
-/// Reads a whole file as Latin-1, in which every byte is a character.
-pub(super) fn read_latin1(path: &Path) -> Result<String, FileError> {
+/// The bytes of a file that another one includes.
+///
+/// # Errors
+/// It cannot be read, is too long, or is known to be something else.
+pub(super) fn read_included(path: &Path) -> Result<Vec<u8>, FileError> {
     let unreadable = |e: std::io::Error| FileError::whole(path, format!("cannot read the file: {e}"));
-    Ok(latin1(&read_regular(path, FILE_BYTES_MAX).map_err(unreadable)?))
+    let bytes = read_regular(path, FILE_BYTES_MAX).map_err(unreadable)?;
+    match foreign(&bytes, bytes.len() as u64).filter(|_| !bytes.is_empty()) {
+        Some(what) => Err(FileError::whole(path, format!("not UNIPEN: {what}"))),
+        None => Ok(bytes),
+    }
 }
 
-pub(super) fn latin1(bytes: &[u8]) -> String {
-    bytes.iter().copied().map(char::from).collect()
+/// By its mark UTF-8 or UTF-16, else Latin-1, in which every byte is a character.
+pub(super) fn text_of(bytes: &[u8]) -> Cow<'_, str> {
+    match bytes {
+        [0xef, 0xbb, 0xbf, rest @ ..] => String::from_utf8_lossy(rest),
+        [0xff, 0xfe, ..] | [0xfe, 0xff, ..] => {
+            Cow::Owned(decoded(bytes).trim_start_matches('\u{feff}').to_owned())
+        }
+        _ => Cow::Owned(bytes.iter().copied().map(char::from).collect()),
+    }
 }
 
 /// Looks for `wanted` below `include/` beside each folder above `root` (nearest first), then beside `root`.
@@ -112,6 +128,16 @@ mod tests {
         let statements = read_statements("junk\n.A 1\n 2\n .b 3\n.C\n");
         let seen: Vec<_> = statements.iter().map(|s| (s.keyword, s.line, s.tokens().count())).collect();
         assert_eq!(seen, [(".A", 2, 4), (".C", 5, 0)]);
+    }
+
+    #[test]
+    fn a_mark_is_no_part_of_the_first_keyword_and_tells_the_letters() {
+        let wide: Vec<u8> = "\u{feff}.A é".encode_utf16().flat_map(u16::to_le_bytes).collect();
+        for bytes in [&b".A \xe9"[..], b"\xef\xbb\xbf.A \xc3\xa9", &wide] {
+            let text = text_of(bytes);
+            let [only] = &read_statements(&text)[..] else { panic!("{text}") };
+            assert_eq!((only.keyword, only.first()), (".A", "é"));
+        }
     }
 
     #[test]
