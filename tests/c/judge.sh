@@ -55,6 +55,14 @@ for compiler in g++ clang++; do
   done
   [[ $compiler == g++ ]] && languages+=(cpp)
 done
+if there g++ "the page's program is not built"; then
+  # docs/connect/c.md, with a tablet that is gone at once.
+  {
+    echo 'static bool wait_for_my_tablet(double &x_m, double &y_m) { x_m = y_m = 0.0; return false; }'
+    sed -n '/^```cpp$/,/^```$/p' docs/connect/c.md | grep -v '^```'
+  } >"$scratch/page.cpp"
+  g++ "${cpp17[@]}" "$scratch/page.cpp" "${static[@]}" -o "$scratch/page"
+fi
 gcc "${c11[@]}" -g -fsanitize=address,undefined -fno-sanitize-recover=all client/c/tests/hostile.c "${static[@]}" -o "$scratch/hostile"
 if there cmake "its package is not tried"; then
   mkdir "$scratch/cmake"
