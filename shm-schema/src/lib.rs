@@ -26,6 +26,7 @@ pub use wire::{
     arm_lag::ArmLag,
     arm_line::ArmLine,
     arm_note::{ArmNote, NOTE_BYTES, NoteWords},
+    c_header::{C_LAYOUT_HASH, c_header},
     check::{Rejection, Rejections, Validate},
     clock::{host_boot_id, monotonic_now_ns},
     control::{ControlRequest, ControlResponse, MESSAGE_BYTES, ORDER_AHEAD_NS},

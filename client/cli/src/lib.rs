@@ -17,6 +17,7 @@ mod settings;
 mod attach;
 mod take_over;
 mod robot;
+mod schema;
 mod shapes;
 mod config;
 mod daemon;
@@ -115,6 +116,8 @@ enum ProgramCommand {
     /// Check a settings file, show the settings in force, or propose shapes for the links of an arm
     #[command(subcommand)]
     Config(config::ConfigCommand),
+    #[command(subcommand)]
+    Schema(schema::SchemaCommand),
 }
 
 /// Runs the program with the arguments of this process.
@@ -182,5 +185,6 @@ fn run(command: &ProgramCommand) -> Result<(), Failure> {
         #[cfg(feature = "lab")]
         ProgramCommand::Lab(command) => lab::run(command),
         ProgramCommand::Config(command) => config::run(command),
+        ProgramCommand::Schema(command) => schema::run(command),
     }
 }

@@ -10,6 +10,9 @@ macro_rules! wire_flags {
         pub mod $module {
             $($(#[$flag_meta])* pub const $flag: u32 = 1 << $bit;)+
 
+            /// Every bit that has a meaning, with its name in the source, lowest first.
+            pub const NAMES: &[(&str, u32)] = &[$((stringify!($flag), $flag)),+];
+
             /// Every bit that has a meaning.
             pub const ALL: u32 = 0 $(| $flag)+;
 

@@ -12,14 +12,42 @@ use iceoryx2::prelude::ZeroCopySend;
 #[cfg(target_endian = "big")]
 compile_error!("foretrace messages are defined for little-endian machines");
 
+/// What a wire type is made of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Shape {
+    /// A number of fixed width, by its name in Rust.
+    Number(&'static str),
+    /// So many of one shape.
+    Array(&'static Self, usize),
+    /// A struct, as it was declared.
+    Struct(&'static Declaration),
+}
+
+/// A struct that `wire!` declared.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Declaration {
+    /// Name in the source.
+    pub name: &'static str,
+    /// Its attributes, a line each; documentation is `doc = "..."`.
+    pub attributes: &'static str,
+    /// Size \[bytes\].
+    pub size: usize,
+    /// In order of declaration.
+    pub fields: &'static [Field],
+}
+
 /// One field of a wire type.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Field {
     /// Name in the source.
     pub name: &'static str,
+    /// Its attributes, a line each, as in [`Declaration`].
+    pub attributes: &'static str,
+    /// What its type is made of.
+    pub shape: &'static Shape,
     /// Bytes from the start of the type.
     pub offset: usize,
-    /// Bytes it occupies.
+    /// Size \[bytes\].
     pub size: usize,
     /// Layout hash of its type.
     pub type_hash: u64,
@@ -32,6 +60,8 @@ pub struct Field {
 pub trait Wire: Debug + Copy + PartialEq + ZeroCopySend + 'static {
     /// The fields of a struct in order of declaration; empty for numbers and arrays.
     const FIELDS: &'static [Field];
+    /// What it is made of.
+    const SHAPE: Shape;
     /// FNV-1a over names, offsets, sizes and types of all fields.
     const LAYOUT_HASH: u64;
     /// All bytes zero.
@@ -92,6 +122,7 @@ macro_rules! wire_number {
     ($($t:ident)*) => {$(
         impl Wire for $t {
             const FIELDS: &'static [Field] = &[];
+            const SHAPE: Shape = Shape::Number(stringify!($t));
             const LAYOUT_HASH: u64 = fnv1a(stringify!($t).as_bytes());
             const ZERO: Self = 0 as $t;
 
@@ -111,6 +142,7 @@ wire_number!(u8 u16 u32 u64 i8 i16 i32 i64 f32 f64);
 
 impl<T: Wire, const N: usize> Wire for [T; N] {
     const FIELDS: &'static [Field] = &[];
+    const SHAPE: Shape = Shape::Array(&T::SHAPE, N);
     const LAYOUT_HASH: u64 = fnv1a_from(T::LAYOUT_HASH, &(N as u64).to_le_bytes());
     const ZERO: Self = [T::ZERO; N];
 
@@ -144,10 +176,19 @@ macro_rules! wire {
         impl $crate::wire::layout::Wire for $type {
             const FIELDS: &'static [$crate::wire::layout::Field] = &[$($crate::wire::layout::Field {
                 name: stringify!($field),
+                attributes: concat!($(stringify!($field_meta), "\n"),*),
+                shape: &<$field_type as $crate::wire::layout::Wire>::SHAPE,
                 offset: ::std::mem::offset_of!($type, $field),
                 size: ::std::mem::size_of::<$field_type>(),
                 type_hash: <$field_type as $crate::wire::layout::Wire>::LAYOUT_HASH,
             }),+];
+            const SHAPE: $crate::wire::layout::Shape =
+                $crate::wire::layout::Shape::Struct(&$crate::wire::layout::Declaration {
+                    name: stringify!($type),
+                    attributes: concat!($(stringify!($meta), "\n"),*),
+                    size: ::std::mem::size_of::<$type>(),
+                    fields: Self::FIELDS,
+                });
             const LAYOUT_HASH: u64 =
                 $crate::wire::layout::layout_hash($name, ::std::mem::size_of::<$type>(), Self::FIELDS);
             const ZERO: Self = Self { $($field: <$field_type as $crate::wire::layout::Wire>::ZERO),+ };
@@ -238,7 +279,8 @@ mod tests {
 
     #[test]
     fn implicit_padding_is_recognised() {
-        let field = |offset, size| Field { name: "x", offset, size, type_hash: 0 };
+        let (name, attributes, shape) = ("x", "", &Shape::Number("u8"));
+        let field = |offset, size| Field { name, attributes, shape, offset, size, type_hash: 0 };
         assert!(is_gapless(&[field(0, 4), field(4, 8)], 12));
         assert!(!is_gapless(&[field(0, 4), field(8, 8)], 16));
         assert!(!is_gapless(&[field(0, 8), field(8, 4)], 16));
@@ -258,7 +300,8 @@ mod tests {
 
     #[test]
     fn a_layout_fills_its_type_and_has_no_overlap() {
-        let field = |offset, size| Field { name: "x", offset, size, type_hash: 0 };
+        let (name, attributes, shape) = ("x", "", &Shape::Number("u8"));
+        let field = |offset, size| Field { name, attributes, shape, offset, size, type_hash: 0 };
         assert!(is_gapless(&[], 0) && !is_gapless(&[], 1));
         assert!(!is_gapless(&[field(0, 4), field(2, 4)], 8) && !is_gapless(&[field(4, 4)], 8));
         let hash = |name, size, fields: &[Field]| layout_hash(name, size, fields);

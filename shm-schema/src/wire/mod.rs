@@ -27,6 +27,7 @@ pub(crate) mod piece;
 pub(crate) mod latency;
 pub(crate) mod status;
 pub(crate) mod control;
+pub(crate) mod c_header;
 
 /// Joints on the wire. The control law may use fewer; unused joints are zero.
 pub const JOINTS: usize = 6;

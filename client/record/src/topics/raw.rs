@@ -9,7 +9,7 @@ pub(super) const THING_LAYOUT: u64 = fnv1a(b"foretrace.ThingV1");
 /// `layout HASH size N`, then `name offset size type` per field.
 pub(super) fn layout_table(hash: u64, fields: &[Field], size: usize) -> String {
     let mut text = format!("layout {hash:016x} size {size}\n");
-    for Field { name, offset, size, type_hash } in fields {
+    for Field { name, offset, size, type_hash, .. } in fields {
         text.push_str(&format!("{name} {offset} {size} {}\n", type_name(*type_hash, *size)));
     }
     text
@@ -21,7 +21,7 @@ pub(super) fn pen_rows() -> String {
     let begin = TickInput::FIELDS.iter().find(|field| field.name == "pen").map_or(0, |field| field.offset);
     for index in 0..PEN_PER_PART {
         let begin = begin + index * size_of::<PenInput>();
-        for Field { name, offset, size, type_hash } in PenInput::FIELDS {
+        for Field { name, offset, size, type_hash, .. } in PenInput::FIELDS {
             let kind = type_name(*type_hash, *size);
             text.push_str(&format!("pen[{index}].{name} {} {size} {kind}\n", begin + offset));
         }

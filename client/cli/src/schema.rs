@@ -1,0 +1,29 @@
+//! `foretrace schema`: the messages of shared memory, for other languages.
+
+use std::path::PathBuf;
+
+use crate::failure::Failure;
+use crate::output::{say, write_file};
+
+/// Print the messages of shared memory for another language
+#[derive(Debug, clap::Subcommand)]
+pub(crate) enum SchemaCommand {
+    /// As a header for C11 and C++17, which asserts sizes and offsets
+    C {
+        /// Write to FILE instead of stdout
+        #[arg(long, value_name = "FILE")]
+        out: Option<PathBuf>,
+    },
+}
+
+pub(crate) fn run(command: &SchemaCommand) -> Result<(), Failure> {
+    let SchemaCommand::C { out } = command;
+    let header = foretrace_shm::c_header();
+    match out {
+        Some(file) => write_file(file, &header, "--out"),
+        None => {
+            say!("{}", header.trim_end());
+            Ok(())
+        }
+    }
+}
