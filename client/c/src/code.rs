@@ -57,12 +57,12 @@ codes! {
 
 /// Why a function fails.
 #[derive(Debug)]
-pub(crate) struct Failure {
+pub(crate) struct CallFailure {
     code: ErrorCode,
     text: String,
 }
 
-impl Failure {
+impl CallFailure {
     pub(crate) fn new(code: ErrorCode, text: impl Into<String>) -> Self {
         Self { code, text: text.into() }
     }
@@ -73,11 +73,11 @@ thread_local! {
 }
 
 /// Runs the inside of a function of the border.
-pub(crate) fn run(inside: impl FnOnce() -> Result<(), Failure>) -> i32 {
+pub(crate) fn run(inside: impl FnOnce() -> Result<(), CallFailure>) -> i32 {
     let failure = match catch_unwind(AssertUnwindSafe(inside)) {
         Ok(Ok(())) => return 0,
         Ok(Err(failure)) => failure,
-        Err(_) => Failure::new(ErrorCode::Internal, "a fault inside libforetrace: please report it"),
+        Err(_) => CallFailure::new(ErrorCode::Internal, "a fault inside libforetrace: please report it"),
     };
     let text: Vec<u8> = failure.text.bytes().filter(|byte| *byte != 0).collect();
     // At the end of a thread there is nobody left to read it.
@@ -94,7 +94,7 @@ pub(crate) fn newest() -> *const std::ffi::c_char {
     NEWEST.try_with(|newest| newest.borrow().as_ptr()).unwrap_or(CStr::as_ptr(c""))
 }
 
-impl From<ServiceError> for Failure {
+impl From<ServiceError> for CallFailure {
     fn from(error: ServiceError) -> Self {
         let code = match &error {
             ServiceError::NoDaemon { .. } => ErrorCode::NoDaemon,
@@ -109,7 +109,7 @@ impl From<ServiceError> for Failure {
     }
 }
 
-impl From<FeedError> for Failure {
+impl From<FeedError> for CallFailure {
     fn from(error: FeedError) -> Self {
         let code = match error {
             FeedError::Invalid(_) => ErrorCode::Invalid,
@@ -120,7 +120,7 @@ impl From<FeedError> for Failure {
     }
 }
 
-impl From<DeadManError> for Failure {
+impl From<DeadManError> for CallFailure {
     fn from(error: DeadManError) -> Self {
         let code = match error {
             DeadManError::NotSent(_) => ErrorCode::NotSent,
@@ -130,7 +130,7 @@ impl From<DeadManError> for Failure {
     }
 }
 
-impl From<JointStateError> for Failure {
+impl From<JointStateError> for CallFailure {
     fn from(error: JointStateError) -> Self {
         let code = match error {
             JointStateError::Invalid(_) => ErrorCode::Invalid,
@@ -140,7 +140,7 @@ impl From<JointStateError> for Failure {
     }
 }
 
-impl From<GatewayError> for Failure {
+impl From<GatewayError> for CallFailure {
     fn from(error: GatewayError) -> Self {
         let code = match &error {
             GatewayError::Unreachable { .. } | GatewayError::Gone(_) => ErrorCode::NotSent,
@@ -151,7 +151,7 @@ impl From<GatewayError> for Failure {
     }
 }
 
-impl From<RequestError> for Failure {
+impl From<RequestError> for CallFailure {
     fn from(error: RequestError) -> Self {
         let code = match &error {
             RequestError::Invalid(_) => ErrorCode::Invalid,
@@ -163,7 +163,7 @@ impl From<RequestError> for Failure {
     }
 }
 
-impl From<StopError> for Failure {
+impl From<StopError> for CallFailure {
     fn from(error: StopError) -> Self {
         let code = match &error {
             StopError::NoDaemon { .. } => ErrorCode::NoDaemon,

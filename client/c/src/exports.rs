@@ -17,19 +17,19 @@ use foretrace_client::{
 };
 use foretrace_shm::C_LAYOUT_HASH;
 
-use crate::code::{ErrorCode, Failure, newest, run};
-use crate::handles::{Opened, Records, close, keep, take, with};
+use crate::code::{CallFailure, ErrorCode, newest, run};
+use crate::handles::{Opened, TickBacklog, close, keep, take, with};
 use crate::pointers::{Out, give, offer, put_text, read, text, write};
 
-fn bad(text: impl Into<String>) -> Failure {
-    Failure::new(ErrorCode::BadArgument, text)
+fn bad(text: impl Into<String>) -> CallFailure {
+    CallFailure::new(ErrorCode::BadArgument, text)
 }
 
 /// Opens something and gives its handle to the caller.
 fn opened<T: Opened>(
     mut out: Out<'_, u64>,
-    open: impl FnOnce() -> Result<T, Failure>,
-) -> Result<(), Failure> {
+    open: impl FnOnce() -> Result<T, CallFailure>,
+) -> Result<(), CallFailure> {
     // Also where opening fails: no old number stays there.
     give("handle", &mut out, 0)?;
     give("handle", &mut out, keep(open()?)?)
@@ -39,7 +39,7 @@ fn opened<T: Opened>(
 ///
 /// # Safety
 /// As [`text`].
-unsafe fn claimant(name: *const c_char) -> Result<Claimant, Failure> {
+unsafe fn claimant(name: *const c_char) -> Result<Claimant, CallFailure> {
     // SAFETY: the caller's.
     let name = unsafe { text("name", name) }?;
     Ok(name.map_or_else(Claimant::this_program, |name| Claimant::new(HolderKind::Program, &name)))
@@ -75,10 +75,10 @@ pub extern "C" fn foretrace_attach_as(
                      {C_LAYOUT_HASH:016x}: build it again with the library's own header",
                     env!("CARGO_PKG_VERSION")
                 );
-                return Err(Failure::new(ErrorCode::OtherLayout, text));
+                return Err(CallFailure::new(ErrorCode::OtherLayout, text));
             }
             let instance = Instance::new(instance)
-                .map_err(|error| Failure::new(ErrorCode::Instance, error.to_string()))?;
+                .map_err(|error| CallFailure::new(ErrorCode::Instance, error.to_string()))?;
             Ok(Foretrace::attach_within(&instance, Duration::from_nanos(wait_ns))?)
         };
         opened(out, open)
@@ -255,12 +255,12 @@ pub unsafe extern "C" fn foretrace_demand_at(
         let enabled = command.flags & foretrace_client::wire::command_flags::ENABLED != 0;
         if enabled && command.header.boot_id != host_boot_id() {
             let text = "the command is of before this machine's last start, or of another machine";
-            return Err(Failure::new(ErrorCode::OtherBoot, text));
+            return Err(CallFailure::new(ErrorCode::OtherBoot, text));
         }
         let Demand::Follow { q: to, qd: at } = demand_at(&command, now_ns) else { return Ok(()) };
         if !to.iter().chain(&at).all(|number| number.is_finite()) {
             let text = format!("the command is invalid: {}", RejectReason::NotFinite);
-            return Err(Failure::new(ErrorCode::Invalid, text));
+            return Err(CallFailure::new(ErrorCode::Invalid, text));
         }
         give("q", &mut q, to)?;
         give("qd", &mut qd, at)?;
@@ -322,7 +322,7 @@ pub unsafe extern "C" fn foretrace_joint_states_note(
 pub extern "C" fn foretrace_telemetry(attachment: u64, out: Out<'_, u64>) -> i32 {
     run(|| {
         let open =
-            || with(attachment, |foretrace: &mut Foretrace| Ok(foretrace.telemetry()?)).map(Records::new);
+            || with(attachment, |foretrace: &mut Foretrace| Ok(foretrace.telemetry()?)).map(TickBacklog::new);
         opened(out, open)
     })
 }
@@ -339,7 +339,7 @@ pub unsafe extern "C" fn foretrace_telemetry_read(
 ) -> i32 {
     run(|| {
         give("count", &mut count, 0)?;
-        let read = with(telemetry, |telemetry: &mut Records| {
+        let read = with(telemetry, |telemetry: &mut TickBacklog| {
             telemetry.collect();
             let mut read = 0;
             while read < room {
@@ -358,7 +358,7 @@ pub unsafe extern "C" fn foretrace_telemetry_read(
 #[unsafe(no_mangle)]
 pub extern "C" fn foretrace_telemetry_lost(telemetry: u64, mut out: Out<'_, u64>) -> i32 {
     run(|| {
-        let lost = with(telemetry, |telemetry: &mut Records| Ok(telemetry.lost()))?;
+        let lost = with(telemetry, |telemetry: &mut TickBacklog| Ok(telemetry.lost()))?;
         give("lost", &mut out, lost)
     })
 }
@@ -386,7 +386,7 @@ pub unsafe extern "C" fn foretrace_status_next(
         })?;
         let next = next.ok_or_else(|| {
             let text = format!("no status within {} ms: the daemon is gone or stuck", timeout_ns / 1_000_000);
-            Failure::new(ErrorCode::NotSent, text)
+            CallFailure::new(ErrorCode::NotSent, text)
         })?;
         // SAFETY: the caller's.
         unsafe { write("status", status, size, next) }
@@ -447,8 +447,8 @@ pub unsafe extern "C" fn foretrace_stop(
     room: usize,
 ) -> i32 {
     run(|| {
-        let instance =
-            Instance::new(instance).map_err(|error| Failure::new(ErrorCode::Instance, error.to_string()))?;
+        let instance = Instance::new(instance)
+            .map_err(|error| CallFailure::new(ErrorCode::Instance, error.to_string()))?;
         let stopped = foretrace_client::stop(&instance, Duration::from_nanos(timeout_ns))?;
         // SAFETY: the caller's.
         unsafe { put_text(buffer, room, stopped.words()) };

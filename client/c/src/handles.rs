@@ -9,7 +9,7 @@ use foretrace_client::{
     Commands, DeadMan, Foretrace, GatewayFeed, JointStates, PenFeed, StatusReader, Telemetry,
 };
 
-use crate::code::{ErrorCode, Failure};
+use crate::code::{CallFailure, ErrorCode};
 
 /// Things that one thread has opened at most.
 const MOST: usize = 1000;
@@ -18,13 +18,13 @@ const BACKLOG: usize = 4096;
 
 /// Tick records, with those that the caller had no room for.
 #[derive(Debug)]
-pub(crate) struct Records {
+pub(crate) struct TickBacklog {
     telemetry: Telemetry,
     waiting: VecDeque<TickRecord>,
     overflowed: u64,
 }
 
-impl Records {
+impl TickBacklog {
     pub(crate) fn new(telemetry: Telemetry) -> Self {
         Self { telemetry, waiting: VecDeque::new(), overflowed: 0 }
     }
@@ -45,7 +45,7 @@ impl Records {
         self.waiting.pop_front()
     }
 
-    /// Records that never reached the caller.
+    /// TickBacklog that never reached the caller.
     pub(crate) fn lost(&self) -> u64 {
         self.telemetry.lost().saturating_add(self.overflowed)
     }
@@ -97,7 +97,7 @@ kinds! {
     Gateway(GatewayFeed) "a gateway",
     Commands(Commands) "commands",
     JointStates(JointStates) "joint states",
-    Telemetry(Records) "telemetry",
+    Telemetry(TickBacklog) "telemetry",
     Status(StatusReader) "a status",
     DeadMan(DeadMan) "a dead-man switch",
 }
@@ -109,33 +109,35 @@ thread_local! {
     static OPEN: RefCell<BTreeMap<u64, Handle>> = const { RefCell::new(BTreeMap::new()) };
 }
 
-fn table<T>(use_table: impl FnOnce(&mut BTreeMap<u64, Handle>) -> Result<T, Failure>) -> Result<T, Failure> {
+fn table<T>(
+    use_table: impl FnOnce(&mut BTreeMap<u64, Handle>) -> Result<T, CallFailure>,
+) -> Result<T, CallFailure> {
     let in_use =
-        || Failure::new(ErrorCode::BadHandle, "called from inside another call, or as the thread ends");
+        || CallFailure::new(ErrorCode::BadHandle, "called from inside another call, or as the thread ends");
     OPEN.try_with(|open| use_table(&mut *open.try_borrow_mut().map_err(|_| in_use())?))
         .map_err(|_| in_use())?
 }
 
-fn unknown(handle: u64) -> Failure {
+fn unknown(handle: u64) -> CallFailure {
     let text = match handle {
         0 => "handle 0: nothing was opened, or opening it failed".to_owned(),
         _ => {
             format!("handle {handle} is not open in this thread: it was closed, or another thread opened it")
         }
     };
-    Failure::new(ErrorCode::BadHandle, text)
+    CallFailure::new(ErrorCode::BadHandle, text)
 }
 
-fn other_kind<T: Opened>(handle: u64) -> Failure {
-    Failure::new(ErrorCode::BadHandle, format!("handle {handle} is not {}", T::NAME))
+fn other_kind<T: Opened>(handle: u64) -> CallFailure {
+    CallFailure::new(ErrorCode::BadHandle, format!("handle {handle} is not {}", T::NAME))
 }
 
 /// Keeps something for this thread.
-pub(crate) fn keep(opened: impl Opened) -> Result<u64, Failure> {
+pub(crate) fn keep(opened: impl Opened) -> Result<u64, CallFailure> {
     table(|open| {
         if open.len() >= MOST {
             let text = format!("this thread has opened {MOST} things: close some");
-            return Err(Failure::new(ErrorCode::BadArgument, text));
+            return Err(CallFailure::new(ErrorCode::BadArgument, text));
         }
         let number = NEXT.fetch_add(1, Ordering::Relaxed);
         open.insert(number, opened.wrap());
@@ -146,8 +148,8 @@ pub(crate) fn keep(opened: impl Opened) -> Result<u64, Failure> {
 /// Uses what a handle stands for.
 pub(crate) fn with<T: Opened, R>(
     handle: u64,
-    use_it: impl FnOnce(&mut T) -> Result<R, Failure>,
-) -> Result<R, Failure> {
+    use_it: impl FnOnce(&mut T) -> Result<R, CallFailure>,
+) -> Result<R, CallFailure> {
     table(|open| {
         let found = open.get_mut(&handle).ok_or_else(|| unknown(handle))?;
         use_it(T::of(found).ok_or_else(|| other_kind::<T>(handle))?)
@@ -155,7 +157,7 @@ pub(crate) fn with<T: Opened, R>(
 }
 
 /// Takes what a handle stands for out of the table.
-pub(crate) fn take<T: Opened>(handle: u64) -> Result<T, Failure> {
+pub(crate) fn take<T: Opened>(handle: u64) -> Result<T, CallFailure> {
     table(|open| {
         let found = open.get_mut(&handle).ok_or_else(|| unknown(handle))?;
         if T::of(found).is_none() {
@@ -166,7 +168,7 @@ pub(crate) fn take<T: Opened>(handle: u64) -> Result<T, Failure> {
 }
 
 /// Closes whatever it is.
-pub(crate) fn close(handle: u64) -> Result<(), Failure> {
+pub(crate) fn close(handle: u64) -> Result<(), CallFailure> {
     let closed = table(|open| open.remove(&handle).ok_or_else(|| unknown(handle)))?;
     // Outside of the table: a dead-man switch that ends takes its time.
     drop(closed);

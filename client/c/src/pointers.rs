@@ -9,16 +9,16 @@ use std::mem::MaybeUninit;
 
 use foretrace_client::wire::Wire;
 
-use crate::code::{ErrorCode, Failure};
+use crate::code::{CallFailure, ErrorCode};
 
 /// Longest text that is taken \[bytes\].
 const LONGEST_TEXT: usize = 4096;
 
-fn null(what: &str) -> Failure {
-    Failure::new(ErrorCode::Null, format!("{what} is a null pointer"))
+fn null(what: &str) -> CallFailure {
+    CallFailure::new(ErrorCode::Null, format!("{what} is a null pointer"))
 }
 
-fn sized<T>(what: &str, size: usize) -> Result<(), Failure> {
+fn sized<T>(what: &str, size: usize) -> Result<(), CallFailure> {
     let ours = size_of::<T>();
     if size == ours {
         return Ok(());
@@ -27,14 +27,14 @@ fn sized<T>(what: &str, size: usize) -> Result<(), Failure> {
         "{what} has {size} bytes for the caller and {ours} here: give sizeof of its type, and use header and \
          library of one version"
     );
-    Err(Failure::new(ErrorCode::OtherLayout, text))
+    Err(CallFailure::new(ErrorCode::OtherLayout, text))
 }
 
 /// A message of the caller.
 ///
 /// # Safety
 /// Where it is not null, `pointer` leads to `size` readable bytes.
-pub(crate) unsafe fn read<T: Wire>(what: &str, pointer: *const T, size: usize) -> Result<T, Failure> {
+pub(crate) unsafe fn read<T: Wire>(what: &str, pointer: *const T, size: usize) -> Result<T, CallFailure> {
     if pointer.is_null() {
         return Err(null(what));
     }
@@ -52,7 +52,7 @@ pub(crate) unsafe fn write<T: Wire>(
     pointer: *mut T,
     size: usize,
     value: T,
-) -> Result<(), Failure> {
+) -> Result<(), CallFailure> {
     if pointer.is_null() {
         return Err(null(what));
     }
@@ -66,7 +66,7 @@ pub(crate) unsafe fn write<T: Wire>(
 pub type Out<'a, T> = Option<&'a mut MaybeUninit<T>>;
 
 /// A number for the caller.
-pub(crate) fn give<T>(what: &str, out: &mut Out<'_, T>, value: T) -> Result<(), Failure> {
+pub(crate) fn give<T>(what: &str, out: &mut Out<'_, T>, value: T) -> Result<(), CallFailure> {
     out.as_mut().ok_or_else(|| null(what))?.write(value);
     Ok(())
 }
@@ -82,7 +82,7 @@ pub(crate) fn offer<T>(out: &mut Out<'_, T>, value: T) {
 ///
 /// # Safety
 /// Where it is not null, `pointer` leads to bytes that end with a zero.
-pub(crate) unsafe fn text(what: &str, pointer: *const c_char) -> Result<Option<String>, Failure> {
+pub(crate) unsafe fn text(what: &str, pointer: *const c_char) -> Result<Option<String>, CallFailure> {
     if pointer.is_null() {
         return Ok(None);
     }
@@ -92,9 +92,9 @@ pub(crate) unsafe fn text(what: &str, pointer: *const c_char) -> Result<Option<S
         Ok(text) if text.len() <= LONGEST_TEXT => Ok(Some(text.to_owned())),
         Ok(text) => {
             let why = format!("{what} has {} bytes, at most {LONGEST_TEXT} are taken", text.len());
-            Err(Failure::new(ErrorCode::BadArgument, why))
+            Err(CallFailure::new(ErrorCode::BadArgument, why))
         }
-        Err(_) => Err(Failure::new(ErrorCode::BadArgument, format!("{what} is not UTF-8"))),
+        Err(_) => Err(CallFailure::new(ErrorCode::BadArgument, format!("{what} is not UTF-8"))),
     }
 }
 

@@ -8,7 +8,7 @@ use std::fmt::Write as _;
 use super::control::ControlResponse;
 use super::flags::{arm_flags, command_flags, guard_mask, health, missing_rights, pen_flags};
 use super::joints::{JointCommand, JointState};
-use super::layout::{Declaration, Shape, Wire, fnv1a};
+use super::layout::{Declaration, Wire, WireShape, fnv1a};
 use super::pen::PenSample;
 use super::refused::RejectField;
 use super::robot_mode::{RobotMode, SafetyMode};
@@ -42,7 +42,7 @@ pub const C_LAYOUT_HASH: u64 = {
 /// The messages that a program in C or C++ meets: enumerations, flags, structs and the layout hash.
 #[must_use]
 pub fn c_header() -> String {
-    let mut header = Header::default();
+    let mut header = HeaderText::default();
     header.text += HEAD;
     enumerations(&mut header);
     flags(&mut header);
@@ -89,20 +89,20 @@ const TAIL: &str = "\
 ";
 
 #[derive(Default)]
-struct Header {
+struct HeaderText {
     text: String,
     /// Structs that stand in it.
     declared: Vec<&'static str>,
 }
 
-impl Header {
+impl HeaderText {
     /// A struct, after those inside it.
-    fn declare(&mut self, shape: &Shape) {
+    fn declare(&mut self, shape: &WireShape) {
         match shape {
-            Shape::Number(_) => {}
-            Shape::Array(of, _) => self.declare(of),
-            Shape::Struct(declaration) if self.declared.contains(&declaration.name) => {}
-            Shape::Struct(declaration) => {
+            WireShape::Number(_) => {}
+            WireShape::Array(of, _) => self.declare(of),
+            WireShape::Struct(declaration) if self.declared.contains(&declaration.name) => {}
+            WireShape::Struct(declaration) => {
                 self.declared.push(declaration.name);
                 declaration.fields.iter().for_each(|field| self.declare(field.shape));
                 self.write_struct(declaration);
@@ -166,7 +166,7 @@ impl Header {
     }
 }
 
-fn enumerations(header: &mut Header) {
+fn enumerations(header: &mut HeaderText) {
     macro_rules! of {
         ($($kind:ident)+) => {$(
             let variants: Vec<_> = $kind::ALL
@@ -182,7 +182,7 @@ fn enumerations(header: &mut Header) {
     }
 }
 
-fn flags(header: &mut Header) {
+fn flags(header: &mut HeaderText) {
     macro_rules! of {
         ($($word:ident)+) => {$( header.flag_word(stringify!($word), $word::NAMES); )+};
     }
@@ -190,19 +190,19 @@ fn flags(header: &mut Header) {
 }
 
 /// The type of a field, and the lengths behind its name.
-fn c_type(shape: &Shape) -> (String, String) {
+fn c_type(shape: &WireShape) -> (String, String) {
     match shape {
-        Shape::Number("f32") => ("float".to_owned(), String::new()),
-        Shape::Number("f64") => ("double".to_owned(), String::new()),
-        Shape::Number(integer) => {
+        WireShape::Number("f32") => ("float".to_owned(), String::new()),
+        WireShape::Number("f64") => ("double".to_owned(), String::new()),
+        WireShape::Number(integer) => {
             let sign = if integer.starts_with('u') { "u" } else { "" };
             (format!("{sign}int{}_t", integer.trim_start_matches(['u', 'i'])), String::new())
         }
-        Shape::Array(of, length) => {
+        WireShape::Array(of, length) => {
             let (c_type, inner) = c_type(of);
             (c_type, format!("[{length}]{inner}"))
         }
-        Shape::Struct(declaration) => (format!("foretrace_{}", snake(declaration.name)), String::new()),
+        WireShape::Struct(declaration) => (format!("foretrace_{}", snake(declaration.name)), String::new()),
     }
 }
 
@@ -256,7 +256,7 @@ mod tests {
         assert_eq!(screaming("PreviousPlan"), "PREVIOUS_PLAN");
         let nested = <[[f32; 3]; 2]>::SHAPE;
         assert_eq!(c_type(&nested), ("float".to_owned(), "[2][3]".to_owned()));
-        assert_eq!(c_type(&Shape::Number("i16")).0, "int16_t");
+        assert_eq!(c_type(&WireShape::Number("i16")).0, "int16_t");
         assert_eq!(
             documentation(
                 "doc = r\" Position \\[m\\] of [`mod@health`].\"\ndoc = \" Two */ lines.\"\nallow(x)\n"

@@ -14,7 +14,7 @@ compile_error!("foretrace messages are defined for little-endian machines");
 
 /// What a wire type is made of.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Shape {
+pub enum WireShape {
     /// A number of fixed width, by its name in Rust.
     Number(&'static str),
     /// So many of one shape.
@@ -44,7 +44,7 @@ pub struct Field {
     /// Its attributes, a line each, as in [`Declaration`].
     pub attributes: &'static str,
     /// What its type is made of.
-    pub shape: &'static Shape,
+    pub shape: &'static WireShape,
     /// Bytes from the start of the type.
     pub offset: usize,
     /// Size \[bytes\].
@@ -61,7 +61,7 @@ pub trait Wire: Debug + Copy + PartialEq + ZeroCopySend + 'static {
     /// The fields of a struct in order of declaration; empty for numbers and arrays.
     const FIELDS: &'static [Field];
     /// What it is made of.
-    const SHAPE: Shape;
+    const SHAPE: WireShape;
     /// FNV-1a over names, offsets, sizes and types of all fields.
     const LAYOUT_HASH: u64;
     /// All bytes zero.
@@ -122,7 +122,7 @@ macro_rules! wire_number {
     ($($t:ident)*) => {$(
         impl Wire for $t {
             const FIELDS: &'static [Field] = &[];
-            const SHAPE: Shape = Shape::Number(stringify!($t));
+            const SHAPE: WireShape = WireShape::Number(stringify!($t));
             const LAYOUT_HASH: u64 = fnv1a(stringify!($t).as_bytes());
             const ZERO: Self = 0 as $t;
 
@@ -142,7 +142,7 @@ wire_number!(u8 u16 u32 u64 i8 i16 i32 i64 f32 f64);
 
 impl<T: Wire, const N: usize> Wire for [T; N] {
     const FIELDS: &'static [Field] = &[];
-    const SHAPE: Shape = Shape::Array(&T::SHAPE, N);
+    const SHAPE: WireShape = WireShape::Array(&T::SHAPE, N);
     const LAYOUT_HASH: u64 = fnv1a_from(T::LAYOUT_HASH, &(N as u64).to_le_bytes());
     const ZERO: Self = [T::ZERO; N];
 
@@ -182,8 +182,8 @@ macro_rules! wire {
                 size: ::std::mem::size_of::<$field_type>(),
                 type_hash: <$field_type as $crate::wire::layout::Wire>::LAYOUT_HASH,
             }),+];
-            const SHAPE: $crate::wire::layout::Shape =
-                $crate::wire::layout::Shape::Struct(&$crate::wire::layout::Declaration {
+            const SHAPE: $crate::wire::layout::WireShape =
+                $crate::wire::layout::WireShape::Struct(&$crate::wire::layout::Declaration {
                     name: stringify!($type),
                     attributes: concat!($(stringify!($meta), "\n"),*),
                     size: ::std::mem::size_of::<$type>(),
@@ -279,7 +279,7 @@ mod tests {
 
     #[test]
     fn implicit_padding_is_recognised() {
-        let (name, attributes, shape) = ("x", "", &Shape::Number("u8"));
+        let (name, attributes, shape) = ("x", "", &WireShape::Number("u8"));
         let field = |offset, size| Field { name, attributes, shape, offset, size, type_hash: 0 };
         assert!(is_gapless(&[field(0, 4), field(4, 8)], 12));
         assert!(!is_gapless(&[field(0, 4), field(8, 8)], 16));
@@ -300,7 +300,7 @@ mod tests {
 
     #[test]
     fn a_layout_fills_its_type_and_has_no_overlap() {
-        let (name, attributes, shape) = ("x", "", &Shape::Number("u8"));
+        let (name, attributes, shape) = ("x", "", &WireShape::Number("u8"));
         let field = |offset, size| Field { name, attributes, shape, offset, size, type_hash: 0 };
         assert!(is_gapless(&[], 0) && !is_gapless(&[], 1));
         assert!(!is_gapless(&[field(0, 4), field(2, 4)], 8) && !is_gapless(&[field(4, 4)], 8));
