@@ -1,8 +1,9 @@
-//! CSV files of others, made here: names, units, separators, clocks, events, and what is said of them.
+//! CSV files of others, made here: names, units, separators, clocks, and what is said of them.
 
+use super::csv_events::{STROKES, written};
 use foretrace_sim::data::{Recording, load_csv, load_recording};
 
-fn read(text: &str) -> Result<Recording, String> {
+pub(crate) fn read(text: &str) -> Result<Recording, String> {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("pen.csv");
     std::fs::write(&file, text).unwrap();
@@ -10,12 +11,12 @@ fn read(text: &str) -> Result<Recording, String> {
     load_recording(&file).map_err(|error| error.to_string().replace(&folder, ""))
 }
 
-fn told(recording: &Recording) -> Vec<String> {
+pub(crate) fn told(recording: &Recording) -> Vec<String> {
     recording.remarks.iter().map(ToString::to_string).collect()
 }
 
 /// Contact, points and time before, of each component.
-fn parts(recording: &Recording) -> Vec<(bool, usize, Option<f64>)> {
+pub(crate) fn parts(recording: &Recording) -> Vec<(bool, usize, Option<f64>)> {
     let [character] = &recording.segments[..] else { panic!("{recording:?}") };
     let round = |s: f64| (s * 1e6).round() * 1e-6;
     character.components.iter().map(|c| (c.contact, c.points.len(), c.dt_before_s.map(round))).collect()
@@ -137,61 +138,6 @@ fn uneven_stamps_are_kept_and_even_ones_change_nothing() {
 }
 
 #[test]
-fn events_of_a_browser_are_strokes_of_its_pen() {
-    let r = read(
-        "type,timeStamp,pointerId,pointerType,clientX,clientY,pressure,buttons\n\
-         pointermove,1000.0,7,pen,10,50,0,0\n\
-         pointerdown,1008.1,7,pen,11,51,0.2,1\n\
-         pointermove,1016.2,7,pen,12,52,0.4,1\n\
-         pointermove,1018.0,3,touch,500,500,0.5,1\n\
-         mousemove,1016.2,7,pen,12,52,0.4,1\n\
-         keydown,1017.0,,,,,,\n\
-         pointermove,1024.3,7,pen,13,53,0.4,1\n\
-         pointerup,1024.3,7,pen,13,53,0,0\n\
-         pointermove,1032.4,7,pen,14,54,0,0\n\
-         pointerdown,1100.0,9,pen,30,60,0.2,1\n\
-         pointermove,1108.0,9,pen,31,61,0.2,1\n\
-         pointerup,1116.0,9,pen,,,0,0\n",
-    )
-    .unwrap();
-    let found: Vec<_> = parts(&r).into_iter().map(|(contact, points, _)| (contact, points)).collect();
-    assert_eq!(found, [(false, 1), (true, 2), (false, 2), (true, 2)], "{r:?}");
-    // y of a screen grows downwards; its pixels have no size.
-    assert_eq!((r.segments[0].components[1].points[0], r.units_per_m), ([11.0, -51.0], None));
-    let told = told(&r);
-    for wanted in [
-        "1 rows are events of other kinds",
-        "2 rows are of other pointers",
-        "1 rows have no position",
-        "1 samples have the stamp",
-        "the time is taken as milliseconds",
-    ] {
-        assert!(told.iter().any(|line| line.starts_with(wanted)), "{wanted}: {told:?}");
-    }
-}
-
-#[test]
-fn motion_events_of_android_and_packets_of_a_wacom_are_read() {
-    let android = read(
-        "eventTime,action,x,y,pressure,toolType\n5000,9,1,1,0,2\n5008,0,2,2,0.3,2\n5016,2,3,3,0.3,2\n5024,1,3,3,0.3,2\n\
-         5200,ACTION_DOWN,9,9,0.3,2\n5208,ACTION_MOVE,9,8,0.3,2\n",
-    )
-    .unwrap();
-    let found: Vec<_> = parts(&android).into_iter().map(|(contact, points, _)| (contact, points)).collect();
-    assert_eq!(found, [(false, 1), (true, 2), (false, 1), (true, 2)]);
-    assert_eq!(android.segments[0].components[1].points[0], [2.0, -2.0]);
-    let wacom = read(
-        "pkTime,pkX,pkY,pkNormalPressure,pkStatus\n10,100,200,0,0\n15,101,201,300,0\n20,102,202,310,0\n",
-    )
-    .unwrap();
-    assert_eq!(parts(&wacom), [(false, 1, None), (true, 2, None)]);
-    assert_eq!(wacom.segments[0].components[0].points[0], [100.0, 200.0]);
-    assert!((wacom.rate_hz - 200.0).abs() < 1e-9);
-    let pad = read("x,y,pressure,rdy,sw,timeCount\n1,2,0,1,0,0\n1,3,200,1,1,5\n1,4,200,1,1,10\n").unwrap();
-    assert_eq!(parts(&pad), [(false, 1, None), (true, 2, None)]);
-}
-
-#[test]
 fn what_cannot_be_read_is_named_with_line_column_value_and_range() {
     for (text, wanted) in [
         (
@@ -213,90 +159,6 @@ fn what_cannot_be_read_is_named_with_line_column_value_and_range() {
     }
 }
 
-/// Rows of a pen that writes for 12 samples, hovers for 4 and writes again, 5 ms apart, with what `cells`
-/// tells of each: its number, and whether the pen is down.
-fn written(header: &str, cells: impl Fn(usize, bool) -> String) -> Recording {
-    let rows = (0..24).map(|k| format!("{},{k},{}\n", 5 * k, cells(k, !(12..16).contains(&k))));
-    read(&format!("t_ms,x_mm,y_mm,{header}\n{}", rows.collect::<String>())).unwrap()
-}
-
-const STROKES: [(bool, usize, Option<f64>); 3] = [(true, 12, None), (false, 4, None), (true, 8, None)];
-
-#[test]
-fn a_column_of_states_is_no_list_of_android_events() {
-    let number = |yes: bool| if yes { "1" } else { "0" };
-    let r = written("state", |_, down| format!("0,{}", number(down)));
-    assert_eq!((parts(&r), told(&r)), (STROKES.to_vec(), vec![]));
-    // A column of contact goes before it.
-    let r = written("state,contact", |_, down| format!("0,{},{}", number(!down), number(down)));
-    assert_eq!((parts(&r), told(&r)), (STROKES.to_vec(), vec!["the column state is not used".to_owned()]));
-    // States of something else.
-    let r = written("state,contact", |k, down| format!("0,{},{}", k % 5, number(down)));
-    assert_eq!(parts(&r), STROKES);
-    // UITouch: began, moved, stationary, ended, cancelled.
-    let phase = |k: usize, down: bool| match k {
-        0 | 16 => "0",
-        12 => "3",
-        _ if down => ["1", "2"][k % 2],
-        _ => "4",
-    };
-    let r = written("phase", |k, down| format!("0,{}", phase(k, down)));
-    assert_eq!(parts(&r), STROKES);
-    // The phase of an experiment begins strokes and ends none.
-    let r = written("phase,contact", |k, down| format!("0,{},{}", k / 10, number(down)));
-    assert_eq!(parts(&r), STROKES);
-    // Numbers of an event that nobody names are none of Android's.
-    let r = written("event,contact", |_, down| format!("0,{},{}", number(!down), number(down)));
-    assert_eq!(parts(&r), STROKES);
-    let r = written("action", |k, down| {
-        format!(
-            "0,{}",
-            if k == 0 || k == 16 {
-                0
-            } else if down {
-                2
-            } else {
-                1
-            }
-        )
-    });
-    assert_eq!(parts(&r), STROKES);
-}
-
-#[test]
-fn a_column_of_events_may_be_filled_where_something_changes() {
-    let change = |k: usize| match k {
-        0 | 16 => "down",
-        12 => "up",
-        _ => "",
-    };
-    let r = written("event", |k, _| format!("0,{}", change(k)));
-    assert_eq!((parts(&r), told(&r)), (STROKES.to_vec(), vec![]));
-    let r = written("type", |k, _| {
-        format!("0,{}", change(k).replace("down", "pointerdown").replace("up", "pointerup"))
-    });
-    assert_eq!(parts(&r), STROKES);
-}
-
-#[test]
-fn where_events_only_move_contact_buttons_or_pressure_tell() {
-    for (header, down, up) in [
-        ("type,isDown", "pointermove,true", "pointermove,false"),
-        ("type,hover", "pointermove,0", "pointermove,1"),
-        ("type,buttons", "pointermove,1", "pointermove,0"),
-        ("type,pressure", "pointermove,0.5", "pointermove,0"),
-        ("type,pressure", "pointermove,0.5", "pointermove,"),
-        ("action", "ACTION_MOVE", "ACTION_HOVER_MOVE"),
-        // Buttons on the pen's side: pressure tells.
-        ("pressure,buttonState", "0.5,0", "0,0"),
-        ("pressure,buttonState", "0.5,32", "0,32"),
-        ("type,pressure,buttons", "pointermove,0.5,0", "pointermove,0,0"),
-    ] {
-        let r = written(header, |_, is_down| format!("0,{}", if is_down { down } else { up }));
-        assert_eq!(parts(&r), STROKES, "{header} {down} {up}");
-    }
-}
-
 #[test]
 fn the_rate_of_uneven_stamps_is_their_mean_unless_the_file_states_one() {
     // Whole milliseconds of a device of 133 Hz.
@@ -313,4 +175,133 @@ fn the_rate_of_uneven_stamps_is_their_mean_unless_the_file_states_one() {
     let rows: String = times.iter().map(|t| format!("{t},0,0\n")).collect();
     let r = read(&format!("t_s,x_m,y_m\n{rows}")).unwrap();
     assert_eq!(r.rate_hz, 1.0 / (times[1] - times[0]));
+}
+
+#[test]
+fn a_clock_that_is_coarser_than_the_samples_is_refused() {
+    let rows = |header: &str, of: &dyn Fn(u64) -> u64| {
+        let rows = (0..400).map(|k| format!("{},{k},0,1\n", of(k)));
+        format!("{header},x_mm,y_mm,contact\n{}", rows.collect::<String>())
+    };
+    for header in ["t_s", "time"] {
+        let why = read(&rows(header, &|k| 1_700_000_000 + k / 200)).unwrap_err();
+        assert_eq!(
+            why,
+            "pen.csv: 398 of 400 samples have the stamp of the one before: the clock is coarser than the \
+             samples; write stamps that tell them apart"
+        );
+    }
+    // Two samples a stamp are merged, and so are rows that only repeat one.
+    assert_eq!(parts(&read(&rows("t_ms", &|k| 8 * (k / 2))).unwrap()), [(true, 200, None)]);
+    let polled: String = (0..400).map(|k| format!("{},{},0,1\n", k / 8 * 8, k / 8)).collect();
+    let polled = read(&format!("t_ms,x_mm,y_mm,contact\n{polled}")).unwrap();
+    assert_eq!((parts(&polled), polled.rate_hz.round()), (vec![(true, 50, None)], 125.0));
+    let slow = read("time,x_mm,y_mm\n1700000000,0,0\n1700000001,1,0\n1700000002,2,0\n").unwrap();
+    assert_eq!(slow.rate_hz, 1.0);
+    assert!(told(&slow)[1].starts_with("the time is taken as seconds, as large as its numbers are"));
+}
+
+#[test]
+fn stamps_since_1970_give_the_rate_of_the_device() {
+    for (header, digits, ticks) in
+        [("time", 3, 5_u64), ("stamp_s", 6, 5000), ("stamp_ns", 0, 5_000_000), ("unix_ms", 0, 5)]
+    {
+        let scale = 10_u64.pow(digits);
+        let per_s = ticks * 200 / scale.min(ticks * 200);
+        let row = |k: u64| {
+            let now = 1_700_000_000 * per_s * scale + k * ticks;
+            let fraction = if digits == 0 {
+                String::new()
+            } else {
+                format!(".{:0w$}", now % scale, w = digits as usize)
+            };
+            format!("{}{fraction},0.{k:03},0,1\n", now / scale)
+        };
+        let text = format!("{header},x_m,y_m,contact\n{}", (0..200).map(row).collect::<String>());
+        let r = read(&text).unwrap();
+        assert!((r.rate_hz - 200.0).abs() < 1e-9, "{header}: {}", r.rate_hz);
+        assert_eq!(parts(&r), [(true, 200, None)], "{header}");
+    }
+}
+
+#[test]
+fn stamps_of_no_clock_cost_their_own_rows_only() {
+    let rows = |odd: usize, stamp: &str, begin: u64| {
+        let stamp_of =
+            |k: usize| if k == odd { stamp.to_owned() } else { (begin + 5 * k as u64).to_string() };
+        let rows = (0..100).map(|k| format!("{},{k},0,1\n", stamp_of(k)));
+        read(&format!("t_ms,x_mm,y_mm,contact\n{}", rows.collect::<String>())).unwrap()
+    };
+    let ahead = "1 samples are far ahead in time of those that follow, and are left out";
+    let untimed = "1 rows have no time of the clock of the others, and are left out";
+    for (odd, stamp, begin, wanted) in [
+        (50, "1000250", 0, ahead),
+        (0, "1700000000000", 0, ahead),
+        (50, "1700000999999", 1_700_000_000_000, ahead),
+        (0, "0", 1_700_000_000_000, untimed),
+        (50, "0", 1_700_000_000_000, untimed),
+    ] {
+        let r = rows(odd, stamp, begin);
+        assert_eq!((parts(&r), told(&r)), (vec![(true, 99, None)], vec![wanted.to_owned()]), "{odd} {stamp}");
+        assert!((r.rate_hz - 200.0).abs() < 1e-6, "{odd} {stamp}: {}", r.rate_hz);
+    }
+}
+
+#[test]
+fn cells_without_a_value_say_nothing_and_are_counted() {
+    let r = read("t_ms,x_mm,y_mm,contact\n0,0,0,1\n5,nan,NaN,1\n10,1,0,NA\n15,2,0,0\nnan,,null,\n20,3,0,0\n")
+        .unwrap();
+    assert_eq!(parts(&r), [(true, 2, None), (false, 2, None)]);
+    let wanted = [
+        "1 rows say nothing of contact, and are as the row before",
+        "2 rows have no position, and are left out",
+    ];
+    assert_eq!(told(&r), wanted);
+    for (header, down, up, wanted) in [
+        ("pressure", "0.4", "", "4 rows have no pressure, and count as hovering"),
+        ("pressure", "0.4", "NaN", "4 rows have no pressure, and count as hovering"),
+        ("contact", "1", "", "4 rows say nothing of contact where others say contact, and count as hovering"),
+        ("hover", "", "1", "20 rows say nothing of contact where others say none, and count as ink"),
+        ("buttons", "1", "", "4 rows say nothing of contact where others say contact, and count as hovering"),
+    ] {
+        let r = written(header, |_, is_down| format!("0,{}", if is_down { down } else { up }));
+        assert_eq!((parts(&r), told(&r)), (STROKES.to_vec(), vec![wanted.to_owned()]), "{header}");
+    }
+}
+
+#[test]
+fn even_files_with_many_short_lifts_keep_their_strokes() {
+    let stroke = |of: u32| (0..6).map(move |k| f64::from(of * 55 + k * 5) * 1e-3);
+    let rows: String = (0..60).flat_map(stroke).map(|t_s| format!("{t_s:.3},{t_s:.3},0,1\n")).collect();
+    let r = read(&format!("t_s,x_m,y_m,contact\n{rows}")).unwrap();
+    assert!((r.rate_hz - 200.0).abs() < 1e-9, "{}", r.rate_hz);
+    let strokes = parts(&r);
+    assert!(strokes.len() == 60 && strokes.iter().all(|(_, points, _)| *points == 6), "{strokes:?}");
+}
+
+#[test]
+fn tables_of_every_shape_are_read() {
+    let wanted = vec![(true, 2, None), (false, 1, None)];
+    for text in [
+        "t_ms,x_mm,y_mm,contact\r0,0,0,1\r5,1,0,1\r10,2,0,0\r",
+        "t_ms,x_mm,y_mm,contact,note\n0,0,0,1,\"a\nb\"\n5,1,0,1,\"c, \"\"d\"\"\"\n10,2,0,0,\n",
+        "\"t_ms\", \"x_mm\", \"y_mm\", \"contact\"\n\"0\", \"0\", \"0\", \"1\"\n\"5\", \"1\", \"0\", \"1\"\n\"10\", \"2\", \"0\", \"0\"\n",
+        "# made by numpy\n# t_ms,x_mm,y_mm,contact\n0.0e+00,0,0,1.0e+00\n5.0e+00,1,0,1.0e+00\n1.0e+01,2,0,0.0e+00\n",
+    ] {
+        let r = read(text).unwrap();
+        assert_eq!(
+            (parts(&r), told(&r).iter().filter(|l| !l.contains("note")).count()),
+            (wanted.clone(), 0),
+            "{text}"
+        );
+    }
+    let preamble =
+        "[Recording]\nDevice=Tablet\n[Samples]\nt_ms,x_mm,y_mm,contact\n0,0,0,1\n5,1,0,1\n10,2,0,0\n";
+    assert_eq!(parts(&read(preamble).unwrap()), wanted);
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("pen.txt");
+    std::fs::write(&file, preamble).unwrap();
+    assert_eq!(parts(&load_recording(&file).unwrap()), wanted);
+    let why = read("[{\"t\":0}]\n").unwrap_err();
+    assert!(why.starts_with("pen.csv: not CSV: it is JSON"), "{why}");
 }

@@ -1,6 +1,7 @@
 //! Tests of recordings and data sets, one file per subject. One binary, so that shared code is compiled once.
 
 mod arms_of_others;
+mod csv_events;
 mod csv_files;
 mod data_sets;
 mod forged;

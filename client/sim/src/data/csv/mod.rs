@@ -247,6 +247,22 @@ mod tests {
         }
     }
 
+    #[test]
+    fn an_uneven_pen_without_a_stated_rate_has_the_mean_one() {
+        let sample = |k: u32| PathSample {
+            t_s: (f64::from(k) * 7.52).floor() * 1e-3,
+            x_m: 1e-4 * f64::from(k),
+            y_m: 0.0,
+            contact: true,
+        };
+        let pen = PenPath::from_samples((0..400).map(sample).collect());
+        let recording = recording_of(&pen, pen.rate_hz, String::new(), Path::new("a.mcap"));
+        assert!(
+            (pen.rate_hz - 125.0).abs() < 1e-6 && (recording.rate_hz - 132.98).abs() < 0.1,
+            "{recording:?}"
+        );
+    }
+
     proptest! {
         #[test]
         fn no_text_makes_the_reader_panic(text in "(t_s,x_m,y_m,contact\n)?[0-9.,eE\\-\nnaif#\u{e9} \

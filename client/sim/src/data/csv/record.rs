@@ -8,6 +8,8 @@ use std::borrow::Cow;
 pub(super) const COLUMNS_MAX: usize = 1000;
 /// Bytes of a quoted cell at most: a quote that is never closed would take all of the rest.
 const QUOTED_MAX: usize = 64 << 10;
+/// Bytes of a record with quotes at most.
+const RECORD_MAX: usize = 1 << 20;
 
 pub(super) type RowCells<'t> = Vec<Cow<'t, str>>;
 
@@ -23,7 +25,7 @@ pub(super) struct Walk<'t> {
 pub(super) struct CsvRecord<'t> {
     /// Its first line, from 1.
     pub(super) line: usize,
-    /// [`COLUMNS_MAX`] and one more at most; a quote that is not closed is an error.
+    /// [`COLUMNS_MAX`] and one more at most; an error: a quote that is not closed, or too long a record.
     pub(super) cells: Result<RowCells<'t>, String>,
 }
 
@@ -92,12 +94,14 @@ fn quoted(text: &str, separator: char) -> Result<(RowCells<'_>, usize), String> 
                 (Cow::Borrowed(cell), behind)
             }
         };
-        if cells.len() <= COLUMNS_MAX {
-            cells.push(cell);
+        cells.push(cell);
+        let length = text.len() - behind.len();
+        if cells.len() > COLUMNS_MAX || length > RECORD_MAX {
+            return Err(format!("a record of more than {COLUMNS_MAX} fields or {RECORD_MAX} bytes"));
         }
         match behind.strip_prefix(separator) {
             Some(next) => rest = next,
-            None => return Ok((cells, text.len() - behind.len())),
+            None => return Ok((cells, length)),
         }
     }
 }
@@ -106,10 +110,9 @@ fn quoted(text: &str, separator: char) -> Result<(RowCells<'_>, usize), String> 
 fn unquoted(inner: &str) -> Result<(Cow<'_, str>, &str), String> {
     let mut from = 0;
     let mut doubled = false;
-    while let Some(at) = inner.get(from..).and_then(|rest| rest.find('"')).map(|at| from + at) {
-        if at > QUOTED_MAX {
-            break;
-        }
+    let within = inner.as_bytes().get(..QUOTED_MAX).unwrap_or(inner.as_bytes());
+    let next = |from: usize| Some(from + within.get(from..)?.iter().position(|byte| *byte == b'"')?);
+    while let Some(at) = next(from) {
         let (cell, behind) = inner.split_at(at);
         let behind = behind.get(1..).unwrap_or_default();
         if !behind.starts_with('"') {
@@ -119,4 +122,28 @@ fn unquoted(inner: &str) -> Result<(Cow<'_, str>, &str), String> {
         (from, doubled) = (at + 2, true);
     }
     Err(format!("a cell has no closing quote within {QUOTED_MAX} bytes; double the quotes inside of quotes"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_record_takes_no_more_than_its_bounds() {
+        fn cells(text: &str) -> Result<RowCells<'_>, String> {
+            Walk::new(text).next_record(',').unwrap().cells
+        }
+        assert_eq!(cells(&",".repeat(1 << 20)).unwrap().len(), COLUMNS_MAX + 1);
+        let long = "a".repeat(QUOTED_MAX - 1);
+        assert_eq!(cells(&format!("\"{long}\",2")).unwrap(), [&long, "2"]);
+        for (text, wanted) in [
+            (format!("\"{long}a\",2"), "no closing quote"),
+            ("1,\"open".to_owned(), "no closing quote"),
+            ("\"\",".repeat(1 << 20), "more than 1000 fields"),
+            (format!("\"{long}\",").repeat(20), "or 1048576 bytes"),
+        ] {
+            let why = cells(&text).unwrap_err();
+            assert!(why.contains(wanted), "{why}");
+        }
+    }
 }
