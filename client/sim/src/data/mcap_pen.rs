@@ -7,7 +7,7 @@ use super::csv::{POSITION_MAX_M, RATE_HZ, recording_of};
 use super::file::{FileError, open, unreadable};
 use super::mcap_record::parse_mcap_record;
 use super::mcap_records::{McapEnd, McapRecords};
-use super::stamps::{StampJudge, StampVerdict, merged};
+use super::stamps::{StampJudge, StampVerdict, leaps_ahead};
 use super::{Recording, Remark, shortened};
 use crate::path::{PathSample, PenPath};
 use mcap::records::Record;
@@ -123,7 +123,6 @@ pub(super) fn read_mcap(from: impl Read + Seek, length: u64, path: &Path) -> Res
         others: BTreeSet::new(),
         samples: Vec::new(),
         from_ns: None,
-        judge: StampJudge::default(),
         nowhere: 0,
     };
     let mut refused = None;
@@ -139,11 +138,11 @@ pub(super) fn read_mcap(from: impl Read + Seek, length: u64, path: &Path) -> Res
         records.refuse(why);
     }
     let damage = records.end().and_then(McapEnd::damage);
-    let remarks = pen.remarks()?;
-    if pen.samples.len() < 2 {
-        return Err(FileError::whole(path, pen.lack(damage)));
+    let (samples, remarks) = pen.in_order()?;
+    if samples.len() < 2 {
+        return Err(FileError::whole(path, pen.lack(samples.len(), damage)));
     }
-    let pen = PenPath::from_samples(pen.samples);
+    let pen = PenPath::from_samples(samples);
     if !RATE_HZ.contains(&pen.rate_hz) {
         let why =
             format!("the median step in time gives a rate of {} Hz; legal: 0.001 to 1000000", pen.rate_hz);
@@ -168,24 +167,44 @@ struct Pen<'a> {
     channels: BTreeMap<u16, PenTable>,
     /// Names of other topics, one more than are told.
     others: BTreeSet<String>,
+    /// As they come, in whatever order.
     samples: Vec<PathSample>,
     from_ns: Option<u64>,
-    judge: StampJudge,
     /// Samples that are not in this world.
     nowhere: u64,
 }
 
 impl Pen<'_> {
-    fn remarks(&self) -> Result<Vec<Remark>, FileError> {
-        let of_stamps = self.judge.remarks().map_err(|why| FileError::whole(self.path, why))?;
+    /// The samples in order of time, and what became of the others.
+    fn in_order(&mut self) -> Result<(Vec<PathSample>, Vec<Remark>), FileError> {
+        let samples = std::mem::take(&mut self.samples);
+        let ahead = leaps_ahead(&samples.iter().map(|sample| sample.t_s).collect::<Vec<f64>>());
+        let mut judge = StampJudge::default();
+        judge.leave_out_ahead(ahead.len());
+        let mut taken: Vec<PathSample> = Vec::new();
+        for (_, sample) in samples.into_iter().enumerate().filter(|(k, _)| ahead.binary_search(k).is_err()) {
+            match (judge.judge(sample.t_s), taken.last_mut()) {
+                (StampVerdict::Merge(share), Some(last)) => {
+                    let point = judge.merge([last.x_m, last.y_m], [sample.x_m, sample.y_m], share);
+                    ([last.x_m, last.y_m], last.contact) = (point, sample.contact);
+                }
+                (StampVerdict::Backwards, _) => {}
+                _ => taken.push(sample),
+            }
+        }
+        let refused = |why: String| FileError::whole(self.path, why);
+        let of_stamps = judge.remarks().map_err(refused)?;
+        if let Some(coarse) = judge.coarse() {
+            return Err(refused(coarse));
+        }
         let what =
             format!("samples are no position within {POSITION_MAX_M} m of the origin, and are left out");
-        Ok(of_stamps.into_iter().chain(Remark::counted(self.nowhere, &what)).collect())
+        let nowhere = Remark::counted(self.nowhere, &what);
+        Ok((taken, of_stamps.into_iter().chain(nowhere).collect()))
     }
 
     /// Why there is no path: of a damaged file its damage, of another program's its topics.
-    fn lack(&self, damage: Option<String>) -> String {
-        let count = self.samples.len();
+    fn lack(&self, count: usize, damage: Option<String>) -> String {
         if let Some(damage) = damage {
             return format!("it ends early, {damage}; {count} pen samples stand before that, a path needs 2");
         }
@@ -220,14 +239,7 @@ impl Pen<'_> {
         let from_ns = *self.from_ns.get_or_insert(seen.stamp_ns);
         let (ahead, behind) = (seen.stamp_ns.saturating_sub(from_ns), from_ns.saturating_sub(seen.stamp_ns));
         let t_s = if behind > 0 { -(behind as f64) } else { ahead as f64 } * 1e-9;
-        match (self.judge.judge(t_s), self.samples.last_mut()) {
-            (StampVerdict::Merge(share), Some(last)) => {
-                [last.x_m, last.y_m] = merged([last.x_m, last.y_m], [seen.x_m, seen.y_m], share);
-                last.contact = seen.contact;
-            }
-            (StampVerdict::Backwards, _) => {}
-            _ => self.samples.push(PathSample { t_s, x_m: seen.x_m, y_m: seen.y_m, contact: seen.contact }),
-        }
+        self.samples.push(PathSample { t_s, x_m: seen.x_m, y_m: seen.y_m, contact: seen.contact });
     }
 
     fn take(&mut self, record: Record<'_>) -> Result<(), FileError> {

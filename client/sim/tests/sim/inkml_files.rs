@@ -242,6 +242,26 @@ fn points_without_a_time_are_kept_and_counted() {
 }
 
 #[test]
+fn times_that_do_not_rise_leave_the_points_to_the_stated_rate() {
+    let stated =
+        |text: String| text.replace("<ink>", "<ink><inkSource><sampleRate value=\"200\"/></inkSource>");
+    let (zero, begin) = (["0"; 50], ["250"; 50]);
+    let seconds: Vec<String> = (0..1000).map(|k| (1_700_000_000 + k / 200).to_string()).collect();
+    let seconds: Vec<&str> = seconds.iter().map(String::as_str).collect();
+    for (traces, counts) in [
+        (&[&zero[..], &zero[..]][..], &[50, 50][..]),
+        (&[&zero[..], &begin[..]], &[50, 50]),
+        (&[&seconds[..]], &[1000]),
+    ] {
+        let r = good(&stated(timed(" units=\"s\"", traces)));
+        let found: Vec<usize> = r.segments[0].components.iter().map(|c| c.points.len()).collect();
+        assert_eq!((r.rate_hz, r.rate_assumed, found.as_slice()), (200.0, false, counts));
+        assert!(r.segments[0].components.iter().all(|c| c.stamps_s.is_empty()));
+        assert_eq!(r.remarks.len(), 1, "{:?}", r.remarks);
+    }
+}
+
+#[test]
 fn timestamps_may_be_dates() {
     let file = |first: &str, second: &str| {
         let context = |id: &str, when: &str| {

@@ -188,6 +188,11 @@ fn samples_that_are_not_taken_as_they_stand_are_counted() {
     let back: Vec<_> = (0..9).map(|k| (-5 * k, 0.0, 0.0)).collect();
     let told = refused(&file(&folder, "back.mcap", &recorded("/raw/input", &back)));
     assert!(told.contains("back.mcap: 8 of 9 stamps step back"), "{told}");
+    // One that leaps ahead takes none of those behind it along.
+    let mut leap: Vec<_> = (0..9).map(|k| (5 * k, f64::from(k as i32) * 1e-3, 0.0)).collect();
+    leap[4].0 = 60_000;
+    let read = load_recording(&file(&folder, "leap.mcap", &recorded("/raw/input", &leap))).unwrap();
+    assert_eq!((points(&read).len(), read.remarks[0].count), (8, 1), "{:?}", read.remarks);
     // The note of a set.
     let set = DataSet::load(folder.path(), &Split::All, false).unwrap();
     assert!(set.remarks().iter().any(|line| line.starts_with("odd.mcap: 1 samples step back")), "{set:?}");

@@ -174,6 +174,18 @@ fn a_rate_of_zero_does_no_harm_beside_stamps() {
 }
 
 #[test]
+fn times_that_do_not_rise_leave_the_points_to_the_stated_rate() {
+    for t in [|_| 0, |k: u32| 1000 * (k / 200)] {
+        let rows: String = (0..1000).map(|k| format!("{k} 0 {}\n", t(k))).collect();
+        let dat =
+            format!(".COORD X Y T\n.POINTS_PER_SECOND 200\n.PEN_DOWN\n{rows}.SEGMENT CHARACTER 0 ? \"a\"\n");
+        let (_folder, file) = set(dat.as_bytes(), &[]);
+        let r = load_recording(&file).unwrap();
+        assert_eq!((r.rate_hz, r.segments[0].components[0].points.len(), r.remarks.len()), (200.0, 1000, 1));
+    }
+}
+
+#[test]
 fn a_byte_order_mark_is_no_part_of_the_text() {
     let dat = format!("\u{feff}{HEAD}{INK}.SEGMENT CHARACTER 0-3 ? \"é\"\n").replace('\n', "\r\n");
     let wide: Vec<u8> = dat.encode_utf16().flat_map(u16::to_le_bytes).collect();
