@@ -203,13 +203,21 @@ fn a_byte_order_mark_is_no_part_of_the_text() {
 
 #[test]
 fn a_long_hierarchy_takes_no_longer_than_its_length() {
-    const KINDS: usize = 40_000;
-    let hierarchy: String = (0..KINDS).map(|k| format!(" KIND{k}")).collect();
-    let segments: String = (0..KINDS).map(|k| format!(".SEGMENT KIND{k} 0 ? \"{k}\"\n")).collect();
-    let begin = std::time::Instant::now();
-    let (labels, _) = labels_and_remarks(&format!("{HEAD}.HIERARCHY{hierarchy}\n{INK}{segments}"));
-    assert_eq!(labels, [(KINDS - 1).to_string()]);
-    assert!(begin.elapsed().as_secs() < 3, "{:?}", begin.elapsed());
+    // The best of three, because others use the machine too.
+    let took = |kinds: usize| {
+        let hierarchy: String = (0..kinds).map(|k| format!(" KIND{k}")).collect();
+        let segments: String = (0..kinds).map(|k| format!(".SEGMENT KIND{k} 0 ? \"{k}\"\n")).collect();
+        let text = format!("{HEAD}.HIERARCHY{hierarchy}\n{INK}{segments}");
+        let runs = (0..3).map(|_| {
+            let begin = std::time::Instant::now();
+            assert_eq!(labels_and_remarks(&text).0, [(kinds - 1).to_string()]);
+            begin.elapsed().as_secs_f64()
+        });
+        runs.fold(f64::INFINITY, f64::min)
+    };
+    let (short, long) = (took(4_000), took(40_000));
+    // Ten times as long; a hundred times where every segment looks through all of it.
+    assert!(long < 35.0 * short, "{short} s, {long} s");
 }
 
 #[test]
