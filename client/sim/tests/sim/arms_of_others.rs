@@ -34,8 +34,9 @@ const PEN_M: f64 = 0.12;
 const LIFT_M: f64 = 0.01;
 
 /// Universal Robots: Denavit-Hartenberg parameters of the maker's page "DH Parameters for calculations of
-/// kinematics and dynamics"; d1, a2, a3, d4, d5, d6 in metres. All joints turn ±360°.
-const fn ur(name: &'static str, [d1, a2, a3, d4, d5, d6]: [f64; 6], speeds: [f64; 6]) -> Arm {
+/// kinematics and dynamics"; d1, a2, a3, d4, d5, d6 in metres. All joints turn ±360°, `last` of the UR3s
+/// without end.
+const fn ur(name: &'static str, [d1, a2, a3, d4, d5, d6]: [f64; 6], speeds: [f64; 6], last: [f64; 2]) -> Arm {
     Arm {
         name,
         rows: [
@@ -46,12 +47,16 @@ const fn ur(name: &'static str, [d1, a2, a3, d4, d5, d6]: [f64; 6], speeds: [f64
             [0.0, d5, -H, 0.0],
             [0.0, d6, 0.0, 0.0],
         ],
-        limits: [[-360.0, 360.0]; 6],
+        limits: [TURN, TURN, TURN, TURN, TURN, last],
         speeds,
         home: [PI, -1.3, 1.8, -2.0708, -H, 0.0],
     }
 }
 
+const TURN: [f64; 2] = [-360.0, 360.0];
+const ENDLESS: [f64; 2] = [f64::NEG_INFINITY, f64::INFINITY];
+
+const SMALLEST: [f64; 6] = [180.0, 180.0, 180.0, 360.0, 360.0, 360.0];
 const SMALL: [f64; 6] = [180.0; 6];
 const LARGE: [f64; 6] = [120.0, 120.0, 180.0, 180.0, 180.0, 180.0];
 const LARGEST: [f64; 6] = [120.0, 120.0, 150.0, 210.0, 210.0, 210.0];
@@ -85,18 +90,18 @@ const fn upright([d1, d2, d3, a2, d4, d6]: [f64; 6]) -> [Row; JOINTS] {
 /// Lengths, ranges and speeds are those of the makers' data sheets and manuals. Which end of a range is which
 /// matters little here: home and paper are in the middle.
 const ARMS: [Arm; 15] = [
-    ur("UR3", [0.1519, -0.24365, -0.21325, 0.11235, 0.08535, 0.0819], SMALL),
-    ur("UR5", [0.089159, -0.425, -0.39225, 0.10915, 0.09465, 0.0823], SMALL),
-    ur("UR10", [0.1273, -0.612, -0.5723, 0.163941, 0.1157, 0.0922], LARGE),
-    ur("UR3e", [0.15185, -0.24355, -0.2132, 0.13105, 0.08535, 0.0921], SMALL),
-    ur("UR5e", [0.1625, -0.425, -0.3922, 0.1333, 0.0997, 0.0996], SMALL),
-    ur("UR10e", [0.1807, -0.6127, -0.57155, 0.17415, 0.11985, 0.11655], LARGE),
-    ur("UR16e", [0.1807, -0.4784, -0.36, 0.17415, 0.11985, 0.11655], LARGE),
-    ur("UR20", [0.2363, -0.862, -0.7287, 0.201, 0.1593, 0.1543], LARGEST),
-    ur("UR30", [0.2363, -0.637, -0.5037, 0.201, 0.1593, 0.1543], LARGEST),
+    ur("UR3", [0.1519, -0.24365, -0.21325, 0.11235, 0.08535, 0.0819], SMALLEST, ENDLESS),
+    ur("UR5", [0.089159, -0.425, -0.39225, 0.10915, 0.09465, 0.0823], SMALL, TURN),
+    ur("UR10", [0.1273, -0.612, -0.5723, 0.163941, 0.1157, 0.0922], LARGE, TURN),
+    ur("UR3e", [0.15185, -0.24355, -0.2132, 0.13105, 0.08535, 0.0921], SMALLEST, ENDLESS),
+    ur("UR5e", [0.1625, -0.425, -0.3922, 0.1333, 0.0997, 0.0996], SMALL, TURN),
+    ur("UR10e", [0.1807, -0.6127, -0.57155, 0.17415, 0.11985, 0.11655], LARGE, TURN),
+    ur("UR16e", [0.1807, -0.4784, -0.36, 0.17415, 0.11985, 0.11655], LARGE, TURN),
+    ur("UR20", [0.2363, -0.862, -0.7287, 0.201, 0.1593, 0.1543], LARGEST, TURN),
+    ur("UR30", [0.2363, -0.637, -0.5037, 0.201, 0.1593, 0.1543], LARGEST, TURN),
     // KUKA, data sheet "KR 6 R900 sixx": A2 counts from the horizontal, A3 from the stretched arm.
     Arm {
-        name: "KUKA KR 6 R900",
+        name: "KUKA KR 6 R900 sixx",
         rows: [
             [0.025, 0.4, -H, 0.0],
             [0.455, 0.0, 0.0, 0.0],
@@ -131,14 +136,15 @@ const ARMS: [Arm; 15] = [
         speeds: [250.0, 250.0, 250.0, 320.0, 320.0, 420.0],
         home: [0.0, 0.6, 0.3, 0.0, 0.6708, 0.0],
     },
-    // FANUC, data sheet LR Mate 200iD; J3 counts from J2 here, not from the floor.
+    // FANUC, data sheet LR Mate 200iD; J3 counts from J2 here and about this file's y, not from the floor and
+    // against it.
     Arm {
         name: "FANUC LR Mate 200iD",
         rows: elbowed([0.33, 0.05, 0.33, 0.035, 0.335, 0.08]),
         limits: [
             [-170.0, 170.0],
             [-100.0, 145.0],
-            [-140.0, 205.0],
+            [-205.0, 70.0],
             [-190.0, 190.0],
             [-125.0, 125.0],
             [-360.0, 360.0],
@@ -153,12 +159,12 @@ const ARMS: [Arm; 15] = [
         limits: [
             [-180.0, 180.0],
             [-127.5, 127.5],
-            [-142.5, 142.5],
+            [-152.5, 152.5],
             [-270.0, 270.0],
             [-121.0, 132.5],
             [-270.0, 270.0],
         ],
-        speeds: [435.0, 410.0, 540.0, 995.0, 1065.0, 1445.0],
+        speeds: [435.0, 385.0, 500.0, 995.0, 1065.0, 1445.0],
         home: [0.0, 0.5, 1.9, 0.0, 0.7416, 0.0],
     },
     // Doosan Robotics, user manual M1013.
@@ -167,10 +173,10 @@ const ARMS: [Arm; 15] = [
         rows: upright([0.1525, 0.0345, 0.0, 0.62, 0.559, 0.121]),
         limits: [
             [-360.0, 360.0],
-            [-95.0, 95.0],
-            [-135.0, 135.0],
             [-360.0, 360.0],
-            [-135.0, 135.0],
+            [-160.0, 160.0],
+            [-360.0, 360.0],
+            [-360.0, 360.0],
             [-360.0, 360.0],
         ],
         speeds: [120.0, 120.0, 180.0, 225.0, 225.0, 225.0],
@@ -188,14 +194,14 @@ const ARMS: [Arm; 15] = [
             [0.0, 0.105, 0.0, H],
         ],
         limits: [
-            [-154.1, 154.1],
+            [-153.6, 153.6],
             [-150.1, 150.1],
             [-150.1, 150.1],
             [-148.98, 148.98],
             [-144.97, 145.0],
             [-148.98, 148.98],
         ],
-        speeds: [91.6; 6],
+        speeds: [91.6, 91.6, 91.6, 91.6, 91.6, 183.0],
         home: [0.0, -0.5, 1.9, H, 0.7416, 0.0],
     },
 ];
@@ -224,7 +230,8 @@ impl Arm {
             let (child, kind) = if joint == JOINTS {
                 ("tool0".to_owned(), "fixed")
             } else {
-                (format!("l{}", joint + 1), "revolute")
+                let endless = self.limits.get(joint).is_some_and(|[low, _]| low.is_infinite());
+                (format!("l{}", joint + 1), if endless { "continuous" } else { "revolute" })
             };
             let _ = write!(
                 text,
@@ -233,10 +240,10 @@ impl Arm {
             );
             if let (Some([low, high]), Some(speed)) = (self.limits.get(joint), self.speeds.get(joint)) {
                 let [low, high, speed] = [low, high, speed].map(|degrees| degrees.to_radians());
-                let _ = write!(
-                    text,
-                    "<axis xyz=\"0 0 1\"/><limit lower=\"{low}\" upper=\"{high}\" velocity=\"{speed}\" effort=\"100\"/>"
-                );
+                let ends = format!("lower=\"{low}\" upper=\"{high}\" ");
+                let ends = if kind == "continuous" { "" } else { &ends };
+                let _ =
+                    write!(text, "<axis xyz=\"0 0 1\"/><limit {ends}velocity=\"{speed}\" effort=\"100\"/>");
             }
             text += "</joint>\n";
             row = self.rows.get(joint).copied().unwrap_or_default();
