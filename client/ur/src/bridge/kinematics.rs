@@ -202,32 +202,36 @@ pub struct FittingBase {
 #[must_use]
 pub fn fitting_base(dh: &DhParameters, config: &Config, most_mm: f64) -> Option<FittingBase> {
     let over = OverPaper::of(dh, config)?;
-    let chain = &config.robot().chain;
-    let (base, _) = chain.ends();
-    let others = chain.still_links().iter().filter(|link| link.name != base);
-    let places = others.map(|link| {
-        let turn = Rotation3::from_matrix_unchecked(link.rotation);
-        let turn = UnitQuaternion::from_rotation_matrix(&turn);
-        (link.name.clone(), Isometry3::from_parts(link.translation.into(), turn))
-    });
-    let places: Vec<(String, Isometry3<f64>)> = places.collect();
-    [false, true].into_iter().find_map(|turned| {
-        let fits = places.iter().find(|(_, place)| {
-            let controller = if turned { place * half_turn() } else { *place };
-            1e3 * farthest(&over.nearest(&controller).1) <= most_mm
-        });
-        fits.map(|(link, _)| FittingBase { link: link.clone(), turned })
+    let (base, _) = config.robot().chain.ends();
+    frames(config).into_iter().filter(|(fits, _)| fits.link != base).find_map(|(fits, controller)| {
+        (1e3 * farthest(&over.nearest(&controller).1) <= most_mm).then_some(fits)
     })
 }
 
+/// The frames of all links that do not move against the model's base, in that of the base: as they are, then
+/// turned by 180 degrees about z.
+fn frames(config: &Config) -> Vec<(FittingBase, Isometry3<f64>)> {
+    let links = config.robot().chain.still_links();
+    let of = |turned: bool| {
+        links.iter().map(move |link| {
+            let rotation = Rotation3::from_matrix_unchecked(link.rotation);
+            let rotation = UnitQuaternion::from_rotation_matrix(&rotation);
+            let place = Isometry3::from_parts(link.translation.into(), rotation);
+            let place = if turned { place * half_turn() } else { place };
+            (FittingBase { link: link.name.clone(), turned }, place)
+        })
+    };
+    of(false).chain(of(true)).collect()
+}
+
 /// Where the tip of the tool is, seen from the flange of an arm with kinematics `dh` \[m\]: from that link at
-/// the end of the model of `config` that is nearest to it. `None` where the model is off by more than
-/// `most_mm`, or reaches no point of the paper.
+/// the end of the model of `config` that is nearest to it, whichever link at its base is the right one.
+/// `None` where the model is off by more than `most_mm`, or reaches no point of the paper.
 #[must_use]
 pub fn tool_from_flange(dh: &DhParameters, config: &Config, most_mm: f64) -> Option<[f64; 3]> {
     let over = OverPaper::of(dh, config)?;
-    let said = if config.settings().robot.ur.base_turned { half_turn() } else { Isometry3::identity() };
-    let (tool, off) = over.nearest(&said);
+    let all = frames(config).into_iter().map(|(_, base)| over.nearest(&base));
+    let (tool, off) = all.min_by(|(_, a), (_, b)| farthest(a).total_cmp(&farthest(b)))?;
     (1e3 * farthest(&off) <= most_mm).then(|| tool.into())
 }
 
