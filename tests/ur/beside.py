@@ -17,7 +17,7 @@ from universal_robots_clients import rtde_client
 
 HOST, RATE_HZ, FORETRACE, ROOT = sys.argv[1], float(sys.argv[2]), sys.argv[3], pathlib.Path(sys.argv[4])
 PRESET = ["--preset", "ur5e" if RATE_HZ > 125 else "ur5"]
-VALID = ["--set", "loop.valid_periods=12"]
+VALID = ["--set", "loop.valid_periods=12", "--set", "safety.joint_state_timeout_ms=500"]
 PLACE = ["--instance", "9", "--root", str(ROOT / "r")]
 REPORT = ROOT / "bridge.json"
 # What a machine without time brings about, and no other client.
@@ -63,7 +63,7 @@ def follows():
 
 
 def claims():
-    start("daemon", "--no-rights", "--set", "safety.joint_state_timeout_ms=500", *PRESET, *VALID)
+    start("daemon", "--no-rights", *PRESET, *VALID)
     claim("the daemon runs", wait(lambda: mode() != ""))
     bridge = start("arm", "ur", "--robot", HOST, "--json", str(REPORT), *PRESET, *VALID)
     start("play", "glyphs:ab", "--loop")
