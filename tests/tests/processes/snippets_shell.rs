@@ -142,7 +142,7 @@ fn wrong_with(command: &str) -> Option<String> {
         [] => None,
         ["cargo", rest @ ..] => wrong_with_cargo(rest),
         ["python3", script, ..] => (!root.join(script).is_file()).then(|| format!("there is no {script}")),
-        [script, ..] if script.starts_with(".ci/") || script.starts_with("tests/") => {
+        [script, ..] if [".ci/", "tests/", "client/"].iter().any(|folder| script.starts_with(folder)) => {
             (!root.join(script).is_file()).then(|| format!("there is no {script}"))
         }
         [program, ..] => {
