@@ -334,7 +334,7 @@ fn a_process_that_checks_settings_says_what_it_read_and_ends_without_room() {
     let refused = check("0", &file);
     let output = String::from_utf8_lossy(&refused.stdout);
     assert!(refused.status.success() && output.contains("refused"), "{refused:?}");
-    assert!(output.contains("65 elements inside each other, 64 are the most"), "{output}");
+    assert!(output.contains("65 elements inside each other (line 1), 64 are the most"), "{output}");
 }
 
 #[test]
