@@ -13,13 +13,13 @@ use foretrace_client::wire::{ControlOp, ControlResponse, RejectReason, Status, T
 use foretrace_client::{Attachment, Commands, DeadMan, JointStates};
 use foretrace_client::{
     Claimant, Demand, Foretrace, GatewayFeed, HolderKind, Instance, JOINTS, JointCommand, JointState,
-    PenFeed, PenSample, StatusReader, demand_at, host_boot_id, monotonic_now_ns,
+    PenFeed, PenSample, ServiceError, StatusReader, demand_at, host_boot_id, monotonic_now_ns,
 };
 use foretrace_shm::C_LAYOUT_HASH;
 
 use crate::code::{CallFailure, ErrorCode, newest, run};
 use crate::handles::{Opened, TickBacklog, close, keep, take, with};
-use crate::pointers::{Out, give, offer, put_text, read, text, write};
+use crate::pointers::{Out, give, offer, put_text, read, room, text};
 
 fn bad(text: impl Into<String>) -> CallFailure {
     CallFailure::new(ErrorCode::BadArgument, text)
@@ -35,14 +35,29 @@ fn opened<T: Opened>(
     give("handle", &mut out, keep(open()?)?)
 }
 
-/// In whose name a place is held: the program's own where none is given.
+/// Opens one of the places that an instance has once, in a name of the caller's or the program's own; its
+/// holder is asked for it where `take_over_ns` is not 0.
 ///
 /// # Safety
-/// As [`text`].
-unsafe fn claimant(name: *const c_char) -> Result<Claimant, CallFailure> {
+/// As [`text`], for `name`.
+unsafe fn opened_place<T: Opened>(
+    attachment: u64,
+    name: *const c_char,
+    take_over_ns: u64,
+    out: Out<'_, u64>,
+    free: impl FnOnce(&Foretrace, &Claimant) -> Result<T, ServiceError>,
+    take_over: impl FnOnce(&Foretrace, &Claimant, Duration) -> Result<T, ServiceError>,
+) -> Result<(), CallFailure> {
     // SAFETY: the caller's.
     let name = unsafe { text("name", name) }?;
-    Ok(name.map_or_else(Claimant::this_program, |name| Claimant::new(HolderKind::Program, &name)))
+    let who = name.map_or_else(Claimant::this_program, |name| Claimant::new(HolderKind::Program, &name));
+    let open = |foretrace: &mut Foretrace| {
+        Ok(match take_over_ns {
+            0 => free(foretrace, &who)?,
+            _ => take_over(foretrace, &who, Duration::from_nanos(take_over_ns))?,
+        })
+    };
+    opened(out, || with(attachment, open))
 }
 
 #[unsafe(no_mangle)]
@@ -121,17 +136,9 @@ pub unsafe extern "C" fn foretrace_pen(
     out: Out<'_, u64>,
 ) -> i32 {
     run(|| {
+        let (free, take_over) = (Foretrace::pen_feed_as, Foretrace::take_pen_feed);
         // SAFETY: the caller's.
-        let who = unsafe { claimant(name) }?;
-        let open = || {
-            with(attachment, |foretrace: &mut Foretrace| {
-                Ok(match take_over_ns {
-                    0 => foretrace.pen_feed_as(&who)?,
-                    _ => foretrace.take_pen_feed(&who, Duration::from_nanos(take_over_ns))?,
-                })
-            })
-        };
-        opened(out, open)
+        unsafe { opened_place(attachment, name, take_over_ns, out, free, take_over) }
     })
 }
 
@@ -218,9 +225,10 @@ pub unsafe extern "C" fn foretrace_commands_latest(
     mut there: Out<'_, bool>,
 ) -> i32 {
     run(|| {
-        let newest = with(commands, |commands: &mut Commands| Ok(commands.latest().copied()))?;
         // SAFETY: the caller's.
-        unsafe { write("command", command, size, newest.unwrap_or_default()) }?;
+        let place = unsafe { room("command", command, size) }?;
+        let newest = with(commands, |commands: &mut Commands| Ok(commands.latest().copied()))?;
+        place.put(newest.unwrap_or_default());
         offer(&mut there, newest.is_some());
         Ok(())
     })
@@ -231,9 +239,10 @@ pub unsafe extern "C" fn foretrace_commands_latest(
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn foretrace_commands_echo(commands: u64, state: *mut JointState, size: usize) -> i32 {
     run(|| {
-        let echo = with(commands, |commands: &mut Commands| Ok(commands.echo()))?;
         // SAFETY: the caller's.
-        unsafe { write("state", state, size, echo) }
+        let place = unsafe { room("state", state, size) }?;
+        place.put(with(commands, |commands: &mut Commands| Ok(commands.echo()))?);
+        Ok(())
     })
 }
 
@@ -334,7 +343,7 @@ pub unsafe extern "C" fn foretrace_telemetry_read(
     telemetry: u64,
     records: *mut TickRecord,
     size: usize,
-    room: usize,
+    most: usize,
     mut count: Out<'_, usize>,
 ) -> i32 {
     run(|| {
@@ -342,11 +351,11 @@ pub unsafe extern "C" fn foretrace_telemetry_read(
         let read = with(telemetry, |telemetry: &mut TickBacklog| {
             telemetry.collect();
             let mut read = 0;
-            while read < room {
+            while read < most {
+                // SAFETY: the caller's: `most` records have room, and read < most.
+                let place = unsafe { room("records", records.wrapping_add(read), size) }?;
                 let Some(record) = telemetry.next() else { break };
-                let place = records.wrapping_add(if records.is_null() { 0 } else { read });
-                // SAFETY: the caller's: there is room for `room` records, and read < room.
-                unsafe { write("records", place, size, record) }?;
+                place.put(record);
                 read += 1;
             }
             Ok(read)
@@ -381,6 +390,8 @@ pub unsafe extern "C" fn foretrace_status_next(
     size: usize,
 ) -> i32 {
     run(|| {
+        // SAFETY: the caller's.
+        let place = unsafe { room("status", status, size) }?;
         let next = with(reader, |reader: &mut StatusReader| {
             Ok(reader.next_within(Duration::from_nanos(timeout_ns)))
         })?;
@@ -388,8 +399,8 @@ pub unsafe extern "C" fn foretrace_status_next(
             let text = format!("no status within {} ms: the daemon is gone or stuck", timeout_ns / 1_000_000);
             CallFailure::new(ErrorCode::NotSent, text)
         })?;
-        // SAFETY: the caller's.
-        unsafe { write("status", status, size, next) }
+        place.put(next);
+        Ok(())
     })
 }
 
@@ -408,6 +419,12 @@ pub unsafe extern "C" fn foretrace_request(
     run(|| {
         // SAFETY: the caller's.
         let predictor = unsafe { text("predictor", predictor) }?;
+        // Before anything is asked for: an error says that nothing was.
+        let place = match response.is_null() {
+            true => None,
+            // SAFETY: the caller's.
+            false => Some(unsafe { room("response", response, size) }?),
+        };
         let operation = ControlOp::try_from(operation).map_err(|error| bad(error.to_string()))?;
         let timeout = Duration::from_nanos(timeout_ns);
         let answer = with(attachment, |foretrace: &mut Foretrace| {
@@ -429,11 +446,10 @@ pub unsafe extern "C" fn foretrace_request(
             };
             Ok(answer?)
         })?;
-        if response.is_null() {
-            return Ok(());
+        if let Some(place) = place {
+            place.put(answer);
         }
-        // SAFETY: the caller's.
-        unsafe { write("response", response, size, answer) }
+        Ok(())
     })
 }
 
@@ -466,17 +482,9 @@ pub unsafe extern "C" fn foretrace_dead_man(
     out: Out<'_, u64>,
 ) -> i32 {
     run(|| {
+        let (free, take_over) = (Foretrace::dead_man_as, Foretrace::take_dead_man);
         // SAFETY: the caller's.
-        let who = unsafe { claimant(name) }?;
-        let open = || {
-            with(attachment, |foretrace: &mut Foretrace| {
-                Ok(match take_over_ns {
-                    0 => foretrace.dead_man_as(&who)?,
-                    _ => foretrace.take_dead_man(&who, Duration::from_nanos(take_over_ns))?,
-                })
-            })
-        };
-        opened(out, open)
+        unsafe { opened_place(attachment, name, take_over_ns, out, free, take_over) }
     })
 }
 

@@ -6,6 +6,7 @@
 
 use std::ffi::{CStr, c_char};
 use std::mem::MaybeUninit;
+use std::ptr::NonNull;
 
 use foretrace_client::wire::Wire;
 
@@ -43,23 +44,28 @@ pub(crate) unsafe fn read<T: Wire>(what: &str, pointer: *const T, size: usize) -
     Ok(unsafe { pointer.read_unaligned() })
 }
 
-/// A message for the caller.
+/// Room of the caller for a message, which is looked at before anything is done for it.
+pub(crate) struct MessageRoom<T>(NonNull<T>);
+
+impl<T: Wire> MessageRoom<T> {
+    pub(crate) fn put(self, message: T) {
+        // SAFETY: the caller of `room` has said that it is there.
+        unsafe { self.0.write_unaligned(message) };
+    }
+}
+
+/// Room for a message.
 ///
 /// # Safety
-/// Where it is not null, `pointer` leads to `size` writable bytes.
-pub(crate) unsafe fn write<T: Wire>(
+/// Where it is not null, `pointer` leads to `size` writable bytes for as long as the call lasts.
+pub(crate) unsafe fn room<T: Wire>(
     what: &str,
     pointer: *mut T,
     size: usize,
-    value: T,
-) -> Result<(), CallFailure> {
-    if pointer.is_null() {
-        return Err(null(what));
-    }
+) -> Result<MessageRoom<T>, CallFailure> {
+    let room = NonNull::new(pointer).ok_or_else(|| null(what))?;
     sized::<T>(what, size)?;
-    // SAFETY: the caller's.
-    unsafe { pointer.write_unaligned(value) };
-    Ok(())
+    Ok(MessageRoom(room))
 }
 
 /// Room of the caller for a number; `None` where it gave a null pointer.

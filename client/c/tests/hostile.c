@@ -73,6 +73,16 @@ static void demands(void) {
   EXPECT(q[0] != 9.0, 0);
 }
 
+/* Whether the daemon does, as of a status that was sent a while after now. */
+static int predicts_by(foretrace_handle reader, const char *name) {
+  foretrace_status status;
+  const uint64_t after_ns = foretrace_now_ns() + 300000000;
+  do {
+    EXPECT(foretrace_status_next(reader, 2000000000, &status, sizeof status), 0);
+  } while (status.header.stamp_ns < after_ns);
+  return strncmp((const char *)status.predictor.bytes, name, sizeof status.predictor.bytes) == 0;
+}
+
 /* Beside a daemon. */
 static void beside_a_daemon(uint32_t instance) {
   foretrace_handle attachment, pen, commands, states, telemetry, reader, dead_man, other;
@@ -132,6 +142,7 @@ static void beside_a_daemon(uint32_t instance) {
   EXPECT(foretrace_status_next(reader, 2000000000, &status, sizeof status), 0);
   EXPECT(foretrace_status_next(reader, 2000000000, &status, sizeof status - 4), FORETRACE_OTHER_LAYOUT);
   EXPECT(foretrace_telemetry_read(telemetry, NULL, sizeof records[0], 4, &count), FORETRACE_NULL);
+  EXPECT(foretrace_telemetry_read(telemetry, records, 7, 4, &count), FORETRACE_OTHER_LAYOUT);
   EXPECT(foretrace_telemetry_read(telemetry, records, sizeof records[0], 4, &count), 0);
 
   EXPECT(foretrace_request(attachment, 99, 0.0, NULL, 1000000000, NULL, 0), FORETRACE_BAD_ARGUMENT);
@@ -142,6 +153,12 @@ static void beside_a_daemon(uint32_t instance) {
   EXPECT(foretrace_request(attachment, FORETRACE_CONTROL_OP_SWITCH_PREDICTOR, 0.0, "nobody", 1000000000, NULL, 0),
          FORETRACE_REFUSED);
   foretrace_control_response response;
+  /* An error says that nothing was asked for. */
+  EXPECT(foretrace_request(attachment, FORETRACE_CONTROL_OP_SWITCH_PREDICTOR, 0.0, "hold", 1000000000, &response, 1),
+         FORETRACE_OTHER_LAYOUT);
+  EXPECT(predicts_by(reader, "hold"), 0);
+  EXPECT(foretrace_request(attachment, FORETRACE_CONTROL_OP_SWITCH_PREDICTOR, 0.0, "hold", 1000000000, NULL, 0), 0);
+  EXPECT(predicts_by(reader, "hold"), 1);
   EXPECT(foretrace_request(attachment, FORETRACE_CONTROL_OP_QUERY, 0.0, NULL, 1000000000, &response, 1),
          FORETRACE_OTHER_LAYOUT);
   EXPECT(foretrace_request(attachment, FORETRACE_CONTROL_OP_QUERY, 0.0, NULL, 1000000000, &response, sizeof response),

@@ -133,9 +133,9 @@ int foretrace_joint_states_note(foretrace_handle states, const char *why, const 
 
 /** The records of all ticks from now on: read at least twice per second. */
 int foretrace_telemetry(foretrace_handle attachment, foretrace_handle *out);
-/** Up to room unread records, oldest first; count says how many. size: of one record. */
+/** Up to most unread records, oldest first; count says how many. size: of one record. */
 int foretrace_telemetry_read(foretrace_handle telemetry, foretrace_tick_record *records, size_t size,
-                             size_t room, size_t *count);
+                             size_t most, size_t *count);
 /** Records that never reached the caller. */
 int foretrace_telemetry_lost(foretrace_handle telemetry, uint64_t *out);
 

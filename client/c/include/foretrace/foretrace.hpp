@@ -74,10 +74,17 @@ class Handle {
   foretrace_handle handle_ = 0;
 };
 
+/// What an attachment opens: it owns its handle, and nobody else makes one.
+class Opened {
+ protected:
+  explicit Opened(Handle handle) noexcept : handle_(std::move(handle)) {}
+  Handle handle_;
+};
+
 }  // namespace detail
 
 /// The pen: send each measurement at once, repeat it while the pen rests.
-class Pen {
+class Pen : detail::Opened {
  public:
   /// Whether a daemon was connected.
   bool send(const foretrace_pen_sample &sample) {
@@ -94,8 +101,7 @@ class Pen {
 
  private:
   friend class Attachment;
-  explicit Pen(detail::Handle handle) : handle_(std::move(handle)) {}
-  detail::Handle handle_;
+  using Opened::Opened;
 };
 
 /// The pen of a program of another user, through the socket of `foretrace gateway`.
@@ -129,7 +135,7 @@ struct Demand {
 };
 
 /// The joint commands.
-class Commands {
+class Commands : detail::Opened {
  public:
   /// The newest command; all zero, which means brake, where there is none yet.
   foretrace_joint_command latest() {
@@ -154,12 +160,11 @@ class Commands {
 
  private:
   friend class Attachment;
-  explicit Commands(detail::Handle handle) : handle_(std::move(handle)) {}
-  detail::Handle handle_;
+  using Opened::Opened;
 };
 
 /// The place of the arm.
-class JointStates {
+class JointStates : detail::Opened {
  public:
   /// Reports the arm as it was at `measured_ns`. Whether a daemon was connected.
   bool publish(std::uint64_t measured_ns, const foretrace_joint_state &state) {
@@ -175,12 +180,11 @@ class JointStates {
 
  private:
   friend class Attachment;
-  explicit JointStates(detail::Handle handle) : handle_(std::move(handle)) {}
-  detail::Handle handle_;
+  using Opened::Opened;
 };
 
 /// The records of all ticks.
-class Telemetry {
+class Telemetry : detail::Opened {
  public:
   /// Unread records, oldest first, at most `most`.
   std::vector<foretrace_tick_record> read(std::size_t most = 512) {
@@ -198,12 +202,11 @@ class Telemetry {
 
  private:
   friend class Attachment;
-  explicit Telemetry(detail::Handle handle) : handle_(std::move(handle)) {}
-  detail::Handle handle_;
+  using Opened::Opened;
 };
 
 /// The daemon's status.
-class StatusReader {
+class StatusReader : detail::Opened {
  public:
   /// The next one; throws where none comes in time.
   foretrace_status next(Nanoseconds timeout) {
@@ -214,20 +217,18 @@ class StatusReader {
 
  private:
   friend class Attachment;
-  explicit StatusReader(detail::Handle handle) : handle_(std::move(handle)) {}
-  detail::Handle handle_;
+  using Opened::Opened;
 };
 
 /// The dead-man switch: beat every 20 ms while a hand holds it; its end stops the arm.
-class DeadMan {
+class DeadMan : detail::Opened {
  public:
   void beat() { check(foretrace_dead_man_beat(handle_.get())); }
   void stop() { check(foretrace_dead_man_stop(handle_.get())); }
 
  private:
   friend class Attachment;
-  explicit DeadMan(detail::Handle handle) : handle_(std::move(handle)) {}
-  detail::Handle handle_;
+  using Opened::Opened;
 };
 
 /// Stops the arm and keeps it stopped: needs no attachment. The mode after it.
