@@ -157,6 +157,12 @@ fn wrong_names_sets_and_parts_are_refused_with_the_legal_ones() {
         refused(&["--data", &set, "--models", "hold,hold"], 2, &["hold", "twice"]);
         refused(&["--data", &set, "--models", "lstm:nowhere.safetensors"], 5, &["nowhere.safetensors"]);
     }
+    // Three samples are no stroke to judge by.
+    let short = world.file("short");
+    std::fs::create_dir(&short).unwrap();
+    std::fs::write(short.join("a.csv"), "t_s,x_m,y_m\n0,0,0\n0.005,0.001,0\n0.01,0.002,0\n").unwrap();
+    let output = world.run_plain(&["lab", "leadtime", "--data", short.to_str().unwrap(), "--models", "hold"]);
+    assert_refused(&output, 5, &["short: no stroke is long enough", "longer recordings"]);
     let output = world.run_plain(&["lab", "evaluate", "--data", &set, "--split", "tests"]);
     assert_refused(&output, 5, &["tests", "train, test, all"]);
     let output =

@@ -123,6 +123,10 @@ fn compare_all(args: &LeadtimeArgs, entrants: &[Entrant], sets: &[Set]) -> Resul
         other => Failure::bad_input(other, "choose other models (--models)"),
     })?;
     drop(progress);
+    if let Some(board) = boards.iter().find(|board| board.instants == 0) {
+        let what = format_args!("{}: no stroke is long enough for a prediction to be judged", board.set);
+        return Err(Failure::bad_input(what, "give longer recordings, or leave the set out (--data)"));
+    }
     boards.iter().for_each(|board| say_lines(board.lines()));
     say_lines(standing_lines(&standings, boards.len()));
     if standings.iter().any(|standing| standing.sets < boards.len()) {

@@ -1,5 +1,7 @@
 //! What a row says, before it is known what the others say.
 
+use std::hash::{BuildHasher, BuildHasherDefault, DefaultHasher};
+
 use super::clock::CsvMoment;
 use super::events::{EventColumn, EventFamily, PenEvent, pen_event};
 use super::names::Columns;
@@ -8,6 +10,8 @@ use super::table::Row;
 
 pub(super) const POSITION_MAX_M: f64 = 100.0;
 const POSITION_MAX_RAW: f64 = 1e9;
+/// Of names of pointers, which are only compared.
+const HASH: BuildHasherDefault<DefaultHasher> = BuildHasherDefault::new();
 
 /// What a row says.
 #[derive(Debug, Clone, Copy)]
@@ -70,6 +74,7 @@ impl<'h> RowReader<'h> {
         let cell = |column: usize| row.cell(column);
         let name = |column: usize| columns.names.get(column).map_or("", String::as_str);
         let [x, y] = columns.place;
+        // Half a position is a fault of the file, none is a pen that was not seen.
         let place = if filled(x).is_none() && filled(y).is_none() {
             None
         } else {
@@ -105,7 +110,7 @@ impl<'h> RowReader<'h> {
             pressed: measured(columns.pressure).map(|pressure| pressure > 0.0),
             pen: of_pointer(columns.pointer_type).map(is_pen),
             primary: !of_pointer(columns.primary).is_some_and(says_no),
-            pointer: of_pointer(columns.pointer_id).map(fingerprint),
+            pointer: of_pointer(columns.pointer_id).map(|id| HASH.hash_one(id)),
         }))
     }
 }
@@ -149,9 +154,4 @@ fn flag(name: &str, text: &str, inverted: bool) -> Result<Option<bool>, String> 
 fn is_pen(text: &str) -> bool {
     // TOOL_TYPE_STYLUS of Android is 2.
     matches!(text.to_ascii_lowercase().as_str(), "pen" | "stylus" | "tool_type_stylus" | "2")
-}
-
-fn fingerprint(text: &str) -> u64 {
-    text.bytes()
-        .fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(0x100_0000_01b3))
 }
