@@ -203,6 +203,17 @@ impl Cadence {
         let gap_s = (GAP_PERIODS * period_s).max(UNEVEN_GAP_S).min(GRID_GAP_STEPS * period_s);
         Some(Self { rate_hz: 1e9 / period_ns as f64, even, gap_s })
     }
+
+    /// That a file states another rate than its stamps give.
+    #[cfg(feature = "formats")]
+    pub(crate) fn apart_from(&self, stated_hz: f64) -> Option<Remark> {
+        ((stated_hz / self.rate_hz - 1.0).abs() > STATED_UNEVEN).then(|| {
+            let stamped_hz = self.rate_hz;
+            Remark::new(format!(
+                "the file states {stated_hz} Hz, its stamps give {stamped_hz:.1} Hz and count"
+            ))
+        })
+    }
 }
 
 /// Turns the stamps of components as a file has them into what [`Component`] promises: in order, without
@@ -261,12 +272,7 @@ pub(crate) fn settle(
             cadence.rate_hz
         ));
     }
-    if let Some(stated_hz) = stated_hz.filter(|hz| (hz / cadence.rate_hz - 1.0).abs() > STATED_UNEVEN) {
-        remarks.push(Remark::new(format!(
-            "the file states {stated_hz} Hz, its stamps give {:.1} Hz and count",
-            cadence.rate_hz
-        )));
-    }
+    remarks.extend(stated_hz.and_then(|stated_hz| cadence.apart_from(stated_hz)));
     for character in segments {
         let whole = std::mem::take(&mut character.components);
         character.components = without_gaps(whole, cadence);

@@ -5,9 +5,6 @@ use super::document::{Document, Trace};
 use crate::data::{Cadence, Remark};
 use std::rc::Rc;
 
-/// Parts by which stamps and a stated rate differ before that is said.
-const STATED_APART: f64 = 0.1;
-
 /// The time base of a document.
 pub(super) struct InkClock {
     /// As stated by the contexts in use, each once.
@@ -68,12 +65,7 @@ impl InkClock {
 
     /// What even stamps tell otherwise than the document.
     pub(super) fn remark(&self) -> Option<Remark> {
-        let (stated_hz, stamped_hz) = self.only_rate_hz().zip(self.even.map(|cadence| cadence.rate_hz))?;
-        ((stated_hz / stamped_hz - 1.0).abs() > STATED_APART).then(|| {
-            Remark::new(format!(
-                "the file states {stated_hz} Hz, its stamps give {stamped_hz:.1} Hz and count"
-            ))
-        })
+        self.even?.apart_from(self.only_rate_hz()?)
     }
 
     /// Stamps of the points of `trace`: of its T channel, else by its own rate or duration where that tells
