@@ -42,6 +42,7 @@ pub use wire::{
     pen::{PEN_POSITION_LIMIT_M, PenSample},
     piece::{Assembly, LARGEST_THING_BYTES, PIECE_BYTES, Piece, PieceKind, Thing},
     predictor_name::{PREDICTOR_NAME_BYTES, PredictorName},
+    python_module::python_module,
     refused::{Refused, RejectField},
     robot_mode::{RobotMode, SafetyMode},
     status::{GhostState, Percentiles, Status, Tracking, WayHome},

@@ -14,15 +14,23 @@ pub(crate) enum SchemaCommand {
         #[arg(long, value_name = "FILE")]
         out: Option<PathBuf>,
     },
+    /// As a module for Python 3.10 and later: records, enumerations, flags; numpy is not needed
+    Python {
+        /// Write to FILE instead of stdout
+        #[arg(long, value_name = "FILE")]
+        out: Option<PathBuf>,
+    },
 }
 
 pub(crate) fn run(command: &SchemaCommand) -> Result<(), Failure> {
-    let SchemaCommand::C { out } = command;
-    let header = foretrace_shm::c_header();
+    let (text, out) = match command {
+        SchemaCommand::C { out } => (foretrace_shm::c_header(), out),
+        SchemaCommand::Python { out } => (foretrace_shm::python_module(), out),
+    };
     match out {
-        Some(file) => write_file(file, &header, "--out"),
+        Some(file) => write_file(file, &text, "--out"),
         None => {
-            say!("{}", header.trim_end());
+            say!("{}", text.trim_end());
             Ok(())
         }
     }

@@ -5,57 +5,22 @@
 
 use std::fmt::Write as _;
 
-use super::control::ControlResponse;
-use super::flags::{arm_flags, command_flags, guard_mask, health, missing_rights, pen_flags};
-use super::joints::{JointCommand, JointState};
-use super::layout::{Declaration, Wire, WireShape, fnv1a};
-use super::pen::PenSample;
-use super::refused::RejectField;
-use super::robot_mode::{RobotMode, SafetyMode};
-use super::status::{GhostState, Status};
-use super::stop_detail::StopCause;
-use super::tick_record::TickRecord;
-use super::vocabulary::{
-    ControlOp, ControlStatus, EffortUnit, FaultReason, Mode, RejectReason, Rung, SolverPath, Stage,
-    TrustReason,
+use super::foreign::{
+    LAYOUT_HASH, MESSAGES, Variant, documentation, enumerations, flag_words, screaming, snake,
 };
+use super::layout::{Declaration, WireShape};
 
 /// One number for the layout of every message in [`c_header`].
-pub const C_LAYOUT_HASH: u64 = {
-    let hashes = [
-        PenSample::LAYOUT_HASH,
-        JointCommand::LAYOUT_HASH,
-        JointState::LAYOUT_HASH,
-        TickRecord::LAYOUT_HASH,
-        Status::LAYOUT_HASH,
-        ControlResponse::LAYOUT_HASH,
-    ];
-    let mut bytes = [0; 48];
-    let mut i = 0;
-    while i < bytes.len() {
-        bytes[i] = hashes[i / 8].to_le_bytes()[i % 8];
-        i += 1;
-    }
-    fnv1a(&bytes)
-};
+pub const C_LAYOUT_HASH: u64 = LAYOUT_HASH;
 
 /// The messages that a program in C or C++ meets: enumerations, flags, structs and the layout hash.
 #[must_use]
 pub fn c_header() -> String {
     let mut header = HeaderText::default();
     header.text += HEAD;
-    enumerations(&mut header);
-    flags(&mut header);
-    for shape in [
-        PenSample::SHAPE,
-        JointCommand::SHAPE,
-        JointState::SHAPE,
-        TickRecord::SHAPE,
-        Status::SHAPE,
-        ControlResponse::SHAPE,
-    ] {
-        header.declare(&shape);
-    }
+    enumerations().iter().for_each(|(kind, variants)| header.enumeration(kind, variants));
+    flag_words().iter().for_each(|(word, names)| header.flag_word(word, names));
+    MESSAGES.iter().for_each(|shape| header.declare(shape));
     let _ = writeln!(header.text, "/** The layout of everything above, in one number. */");
     let _ = writeln!(header.text, "#define FORETRACE_LAYOUT_HASH UINT64_C(0x{C_LAYOUT_HASH:016x})\n");
     header.text += TAIL;
@@ -139,7 +104,7 @@ impl HeaderText {
     }
 
     /// An enumeration, and the words for its numbers.
-    fn enumeration(&mut self, kind: &str, variants: &[(String, i64, &str)]) {
+    fn enumeration(&mut self, kind: &str, variants: &[Variant]) {
         let (name, prefix) = (format!("foretrace_{}", snake(kind)), screaming(kind));
         let _ = writeln!(self.text, "enum {name} {{");
         for (variant, number, label) in variants {
@@ -166,29 +131,6 @@ impl HeaderText {
     }
 }
 
-fn enumerations(header: &mut HeaderText) {
-    macro_rules! of {
-        ($($kind:ident)+) => {$(
-            let variants: Vec<_> = $kind::ALL
-                .iter()
-                .map(|variant| (format!("{variant:?}"), *variant as i64, variant.label()))
-                .collect();
-            header.enumeration(stringify!($kind), &variants);
-        )+};
-    }
-    of! {
-        Mode Rung TrustReason SolverPath FaultReason StopCause SafetyMode RobotMode EffortUnit ControlOp
-        ControlStatus Stage RejectReason RejectField GhostState
-    }
-}
-
-fn flags(header: &mut HeaderText) {
-    macro_rules! of {
-        ($($word:ident)+) => {$( header.flag_word(stringify!($word), $word::NAMES); )+};
-    }
-    of!(pen_flags command_flags arm_flags guard_mask health missing_rights);
-}
-
 /// The type of a field, and the lengths behind its name.
 fn c_type(shape: &WireShape) -> (String, String) {
     match shape {
@@ -206,63 +148,17 @@ fn c_type(shape: &WireShape) -> (String, String) {
     }
 }
 
-/// `FooBar2` as `foo_bar2`.
-fn snake(name: &str) -> String {
-    let mut words = String::new();
-    for letter in name.chars() {
-        if letter.is_uppercase() && !words.is_empty() {
-            words.push('_');
-        }
-        words.extend(letter.to_lowercase());
-    }
-    words
-}
-
-fn screaming(name: &str) -> String {
-    snake(name).to_uppercase()
-}
-
-/// The documentation in attributes as `stringify!` writes them, without the marks of rustdoc.
-fn documentation(attributes: &str) -> String {
-    let lines = attributes.lines().filter_map(|line| line.strip_prefix("doc = "));
-    let words: Vec<String> = lines
-        .map(|line| {
-            let quoted = line.trim_start_matches('r').trim_matches('#');
-            let text = quoted.strip_prefix('"').and_then(|text| text.strip_suffix('"')).unwrap_or(quoted);
-            text.replace("\\\\", "\\").replace("\\\"", "\"").trim().to_owned()
-        })
-        .collect();
-    words
-        .join(" ")
-        .replace("\\[", "\u{1}")
-        .replace("\\]", "\u{2}")
-        .replace("mod@", "")
-        .replace(['[', ']', '`'], "")
-        .replace('\u{1}', "[")
-        .replace('\u{2}', "]")
-        .replace("::", ".")
-        .replace("*/", "* /")
-        .trim()
-        .to_owned()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::PenSample;
+    use crate::wire::layout::Wire;
 
     #[test]
-    fn names_of_rust_become_names_of_c() {
-        assert_eq!(snake("JointCommand"), "joint_command");
-        assert_eq!(screaming("PreviousPlan"), "PREVIOUS_PLAN");
+    fn shapes_of_rust_become_types_of_c() {
         let nested = <[[f32; 3]; 2]>::SHAPE;
         assert_eq!(c_type(&nested), ("float".to_owned(), "[2][3]".to_owned()));
         assert_eq!(c_type(&WireShape::Number("i16")).0, "int16_t");
-        assert_eq!(
-            documentation(
-                "doc = r\" Position \\[m\\] of [`mod@health`].\"\ndoc = \" Two */ lines.\"\nallow(x)\n"
-            ),
-            "Position [m] of health. Two * / lines."
-        );
     }
 
     #[test]

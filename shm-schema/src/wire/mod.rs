@@ -27,7 +27,9 @@ pub(crate) mod piece;
 pub(crate) mod latency;
 pub(crate) mod status;
 pub(crate) mod control;
+pub(crate) mod foreign;
 pub(crate) mod c_header;
+pub(crate) mod python_module;
 
 /// Joints on the wire. The control law may use fewer; unused joints are zero.
 pub const JOINTS: usize = 6;

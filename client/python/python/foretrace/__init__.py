@@ -1,5 +1,35 @@
 """foretrace: a robot arm follows a human hand ahead of time."""
 
-from ._native import Invalid, NoDaemon, OtherVersion, Problem, Refused, Taken
+from ._native import Invalid, NoAnswer, NoDaemon, OtherVersion, Problem, Refused, Taken
+from .arm import ArmInterface, ArmPorts, Target, demand_at
+from .handles import DeadMan, Gateway, Pen, Records, StatusWatch, gateway
+from .live import Answer, Foretrace, JointsAt, Stopped, attach, now_ns, stop
+from .pace import Pace
 
-__all__ = ["Invalid", "NoDaemon", "OtherVersion", "Problem", "Refused", "Taken"]
+__all__ = [
+    "Answer",
+    "ArmInterface",
+    "ArmPorts",
+    "DeadMan",
+    "Foretrace",
+    "Gateway",
+    "Invalid",
+    "JointsAt",
+    "NoAnswer",
+    "NoDaemon",
+    "OtherVersion",
+    "Pace",
+    "Pen",
+    "Problem",
+    "Records",
+    "Refused",
+    "StatusWatch",
+    "Stopped",
+    "Taken",
+    "Target",
+    "attach",
+    "demand_at",
+    "gateway",
+    "now_ns",
+    "stop",
+]

@@ -1,0 +1,163 @@
+"""An arm whose program is in Python."""
+
+from __future__ import annotations
+
+from typing import Any, Iterator, NamedTuple, Sequence
+
+from . import _native, messages
+from ._native import Invalid
+from .handles import Closable, _whole
+
+#: Joints of an arm.
+JOINTS = 6
+
+
+class Target(NamedTuple):
+    """What the arm is to do at an instant."""
+
+    #: Send `q` to the arm. False: the arm must stand, by its own stop.
+    move: bool
+    #: "follow" a command; "brake", because commands ended; "stand"; "paused", because targets were not read.
+    state: str
+    #: Joint positions [rad]; none before the first command.
+    q: tuple[float, ...] | None
+    #: Joint velocities [rad/s].
+    qd: tuple[float, ...] | None
+    #: The instant [ns], of `time.monotonic_ns()`.
+    at_ns: int
+    #: Number of the daemon's tick behind it; 0: none.
+    tick: int
+    #: The daemon's `messages.Mode`.
+    mode: int
+    #: `messages.CommandFlags` of the command.
+    flags: int
+
+
+def _joints(name: str, values: Sequence[float], unit: str) -> list[float]:
+    try:
+        joints = [float(value) for value in values]
+    except (TypeError, ValueError):
+        raise Invalid(f"{name} = {values!r}: {JOINTS} numbers, one per joint [{unit}]") from None
+    if len(joints) != JOINTS:
+        raise Invalid(f"{name} has {len(joints)} values: {JOINTS}, one per joint [{unit}]")
+    return joints
+
+
+class ArmInterface(Closable):
+    """Between the daemon and an arm that Python drives; made by `Foretrace.arm_interface`.
+
+    A thread of the package takes commands, interpolates, brakes when they end, and sends each measurement with its
+    stamp and the echo of the command that was read, without the interpreter. `for target in arm:` gives the target of
+    each cycle. Where Python falls silent no state is sent, and the daemon stops the arm. Where Python reads no target
+    for `pause_after` while the arm moves, targets say "stand" until somebody arms again: the arm does not jump to where
+    it would have been.
+    """
+
+    def __init__(self, native: _native.ArmHandle) -> None:
+        self._native = native
+
+    @property
+    def rate_hz(self) -> float:
+        """Cycles per second."""
+        return self._native.rate_hz
+
+    def measured(
+        self,
+        q: Sequence[float],
+        qd: Sequence[float],
+        effort: Sequence[float] | None = None,
+        stamp: int | None = None,
+        *,
+        effort_unit: int = messages.EffortUnit.NONE,
+        safety_mode: int = messages.SafetyMode.UNKNOWN,
+        robot_mode: int = messages.RobotMode.NO_CONTROLLER,
+        robot_stamp: int = 0,
+    ) -> bool:
+        """Reports where the arm is: positions [rad], velocities [rad/s], efforts in `effort_unit`, at `stamp` [ns] of
+        `time.monotonic_ns()`; none: now. `robot_stamp`: the controller's own clock [ns].
+
+        A controller that knows its modes must report them: 0 counts as "may move". Returns false, and sends nothing, if
+        the stamp is that of the measurement before: that is no new one.
+
+        Raises `Invalid` for what the daemon would refuse: not finite, degrees, millimetres, a stamp of another clock.
+        """
+        if effort is not None and not effort_unit:
+            raise Invalid("effort is given without effort_unit: messages.EffortUnit.NEWTON_METRES, AMPERES or SHARE")
+        return self._native.measured(
+            None if stamp is None else _stamp("stamp", stamp),
+            _joints("q", q, "rad"),
+            _joints("qd", qd, "rad/s"),
+            None if effort is None else _joints("effort", effort, "effort_unit"),
+            _stamp("effort_unit", effort_unit),
+            _stamp("safety_mode", safety_mode),
+            _stamp("robot_mode", robot_mode),
+            _stamp("robot_stamp", robot_stamp),
+        )
+
+    def target(self) -> Target:
+        """The newest target; reading it counts as obeying it."""
+        return Target(*self._native.target(False))
+
+    def next_target(self) -> Target:
+        """Waits for the target of the next cycle; at once where Python is behind."""
+        return Target(*self._native.target(True))
+
+    def __iter__(self) -> Iterator[Target]:
+        while True:
+            yield self.next_target()
+
+    def say(self, text: str, to_do: str = "") -> None:
+        """From now on `text` is why the arm does not follow, and `to_do` what an operator can do about it; both stand in
+        `foretrace status`, and are cut after 192 bytes."""
+        self._native.note((text, to_do))
+
+    def say_nothing(self) -> None:
+        """Nothing keeps the arm from following any more."""
+        self._native.note(None)
+
+    def counts(self) -> dict[str, Any]:
+        """Totals: cycles, states, commands, pauses; and under `trouble` why the newest state was not sent."""
+        return self._native.counts()
+
+    def close(self) -> None:
+        """Ends the interface: the daemon hears no states any more, and stops the arm. The arm itself is stopped by its
+        own program or controller."""
+        self._native.close()
+
+
+def _stamp(name: str, value: Any) -> int:
+    number = _whole(name, value)
+    if not 0 <= number < 2**63:
+        raise Invalid(f"{name} = {value}: a whole number from 0")
+    return number
+
+
+class ArmPorts(Closable):
+    """The messages of an arm as they are, for a loop that is written in Python; made by `Foretrace.arm_ports`.
+
+    Prefer `ArmInterface`: here braking, pauses and stamps are the caller's.
+    """
+
+    def __init__(self, native: _native.ArmPortsHandle) -> None:
+        self._native = native
+
+    def latest(self) -> tuple[messages.JointCommand, messages.JointState] | None:
+        """The newest command, and a joint state that echoes it, to be filled in; none before the first."""
+        newest = self._native.latest()
+        if newest is None:
+            return None
+        command, echo = newest
+        return messages.JointCommand.from_buffer_copy(command), messages.JointState.from_buffer_copy(echo)
+
+    def publish(self, state: messages.JointState, stamp: int) -> bool:
+        """Sends a state that was measured at `stamp` [ns]. Returns whether a daemon heard it. Raises `Invalid`."""
+        return self._native.publish(_stamp("stamp", stamp), bytes(state))
+
+    def close(self) -> None:
+        """Leaves the arm's place to others."""
+        self._native.close()
+
+
+def demand_at(command: messages.JointCommand, now_ns: int) -> tuple[list[float], list[float]] | None:
+    """Positions [rad] and velocities [rad/s] of a command at an instant [ns]; none: brake."""
+    return _native.demand_at(bytes(command), now_ns)

@@ -1,0 +1,87 @@
+//! `DeadManHandle`: the dead-man signal. Python itself beats: a thread of ours would beat for a dead program.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use foretrace_client::{Claimant, DeadMan, DeadManError, Foretrace, HolderKind, Instance, Lasting};
+use pyo3::prelude::*;
+
+use super::failure::{FailureKind, LiveFailure};
+use super::pen::PATIENCE;
+use super::worker::{Closing, Worker, seconds};
+
+/// The dead-man switch of an instance, from any Python thread.
+#[pyclass(frozen, module = "foretrace._native")]
+pub struct DeadManHandle {
+    worker: Arc<Worker<Lasting<DeadMan>>>,
+}
+
+impl DeadManHandle {
+    pub fn open(
+        py: Python<'_>,
+        instance: Instance,
+        name: Option<&str>,
+        take_over_s: Option<f64>,
+    ) -> PyResult<Self> {
+        let who = Claimant::new(HolderKind::Program, name.unwrap_or("python"));
+        let patience = take_over_s.map(|patience| seconds("take_over", patience)).transpose()?;
+        let again = who.clone();
+        let open = move || -> Result<Lasting<DeadMan>, LiveFailure> {
+            let foretrace = Foretrace::attach_within(&instance, Duration::ZERO)?;
+            let dead_man = match patience {
+                None => foretrace.dead_man_as(&who)?,
+                Some(patience) => foretrace.take_dead_man(&who, patience)?,
+            };
+            Ok(Lasting::new(foretrace, dead_man))
+        };
+        let idle = move |switch: &mut Lasting<DeadMan>| {
+            if switch.handle.as_mut().is_none_or(|dead_man| dead_man.handed_to().is_none()) {
+                // An error is no end: the next look tries again, and a beat says that there is none.
+                let _ = switch.look(|foretrace| foretrace.dead_man_as(&again));
+            }
+        };
+        let opening = PATIENCE + patience.unwrap_or_default();
+        let pause = Duration::from_millis(100);
+        Ok(Self { worker: Worker::start(py, "the dead-man switch", pause, opening, open, idle)? })
+    }
+}
+
+/// Sends a signal; none is sent where there is no daemon.
+fn signal(
+    switch: &mut Lasting<DeadMan>,
+    send: impl FnOnce(&mut DeadMan) -> Result<(), DeadManError>,
+) -> Result<(), LiveFailure> {
+    let Some(dead_man) = &mut switch.handle else {
+        let text = "the dead-man switch has no daemon: a new one is there, but gave no place yet; beat again";
+        return Err(LiveFailure::new(FailureKind::NoDaemon, text));
+    };
+    match send(dead_man) {
+        Err(DeadManError::HandedOver) => {
+            let who = dead_man.handed_to().map_or_else(|| "another program".to_owned(), ToString::to_string);
+            let text = format!("the dead-man switch was handed to {who}, which asked for it: end this one");
+            Err(LiveFailure::new(FailureKind::Taken, text))
+        }
+        other => Ok(other?),
+    }
+}
+
+#[pymethods]
+impl DeadManHandle {
+    fn beat(&self, py: Python<'_>) -> PyResult<()> {
+        Ok(self.worker.call(py, PATIENCE, |switch| signal(switch, DeadMan::beat))??)
+    }
+
+    fn stop(&self, py: Python<'_>) -> PyResult<()> {
+        Ok(self.worker.call(py, PATIENCE, |switch| signal(switch, DeadMan::stop))??)
+    }
+
+    fn handed_to(&self, py: Python<'_>) -> PyResult<Option<String>> {
+        self.worker.call(py, PATIENCE, |switch| {
+            switch.handle.as_mut().and_then(|dead_man| dead_man.handed_to().map(ToString::to_string))
+        })
+    }
+
+    fn close(&self, py: Python<'_>) {
+        py.detach(|| self.worker.close());
+    }
+}
