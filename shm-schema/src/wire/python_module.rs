@@ -178,4 +178,16 @@ mod tests {
             assert!(!module.contains(&format!("\n    {word} = ")), "{word}");
         }
     }
+
+    /// Made by `foretrace schema python`; `FORETRACE_BLESS=1` writes it anew.
+    #[test]
+    fn the_module_of_the_python_package_is_that_of_the_tables() {
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../client/python/python/foretrace/messages.py");
+        let now = python_module();
+        if std::env::var_os("FORETRACE_BLESS").is_some() {
+            std::fs::write(path, &now).unwrap();
+        }
+        let same = std::fs::read_to_string(path).unwrap_or_default() == now;
+        assert!(same, "messages.py is of other messages: FORETRACE_BLESS=1 cargo test -p foretrace-shm --lib");
+    }
 }

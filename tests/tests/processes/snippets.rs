@@ -218,8 +218,8 @@ pub(crate) fn blocks_of(wanted: &str) -> Vec<(PathBuf, String)> {
 fn every_block_of_the_documents_is_of_a_kind_that_is_checked() {
     for (path, text) in documents() {
         for (kind, body) in blocks(&text) {
-            // C++ is built by tests/c/judge.sh.
-            let known = ["rust", "sh", "toml", "text", "cpp"].contains(&kind.as_str());
+            // C++ is built by tests/c/judge.sh, Python run by tests/python/judge.sh.
+            let known = ["rust", "sh", "toml", "text", "cpp", "python"].contains(&kind.as_str());
             assert!(
                 known,
                 "{}: a block of kind {kind:?}; text is what a program prints:\n{body}",

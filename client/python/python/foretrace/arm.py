@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, Iterator, NamedTuple, Sequence
 
 from . import _native, messages
-from ._native import Invalid
+from ._native import Invalid, Problem
 from .handles import Closable, _whole
 
 #: Joints of an arm.
@@ -15,14 +15,14 @@ JOINTS = 6
 class Target(NamedTuple):
     """What the arm is to do at an instant."""
 
-    #: Send `q` to the arm. False: the arm must stand, by its own stop.
-    move: bool
     #: "follow" a command; "brake", because commands ended; "stand"; "paused", because targets were not read.
     state: str
+    #: Send `q` to the arm. False: the arm must stand, by its own stop.
+    move: bool
     #: Joint positions [rad]; none before the first command.
-    q: tuple[float, ...] | None
+    q: list[float] | None
     #: Joint velocities [rad/s].
-    qd: tuple[float, ...] | None
+    qd: list[float] | None
     #: The instant [ns], of `time.monotonic_ns()`.
     at_ns: int
     #: Number of the daemon's tick behind it; 0: none.
@@ -55,6 +55,7 @@ class ArmInterface(Closable):
 
     def __init__(self, native: _native.ArmHandle) -> None:
         self._native = native
+        self._closed = False
 
     @property
     def rate_hz(self) -> float:
@@ -103,8 +104,15 @@ class ArmInterface(Closable):
         return Target(*self._native.target(True))
 
     def __iter__(self) -> Iterator[Target]:
-        while True:
-            yield self.next_target()
+        while not self._closed:
+            try:
+                target = self.next_target()
+            except Problem:
+                # Another thread closed it: the end of this loop, not an error.
+                if self._closed:
+                    return
+                raise
+            yield target
 
     def say(self, text: str, to_do: str = "") -> None:
         """From now on `text` is why the arm does not follow, and `to_do` what an operator can do about it; both stand in
@@ -122,6 +130,7 @@ class ArmInterface(Closable):
     def close(self) -> None:
         """Ends the interface: the daemon hears no states any more, and stops the arm. The arm itself is stopped by its
         own program or controller."""
+        self._closed = True
         self._native.close()
 
 

@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use foretrace_client::{
-    Claimant, FeedError, Foretrace, GatewayFeed, HolderKind, Instance, Lasting, PenFeed, PenReading, ServiceError,
+    Claimant, DaemonChange, FeedError, Foretrace, GatewayFeed, HolderKind, Instance, Lasting, PenFeed, PenReading, ServiceError,
     monotonic_now_ns,
 };
 use pyo3::prelude::*;
@@ -74,11 +74,30 @@ fn outcome(py: Python<'_>, result: (u64, u64, Option<LiveFailure>)) -> Outcome {
     (sent, heard, failure.map(|failure| PyErr::from(failure).into_value(py).into_any()))
 }
 
+/// A pen that outlives the daemon.
+struct LastingPen {
+    pen: Lasting<PenFeed>,
+    who: Claimant,
+    /// A killed daemon stays connected; only a look finds that it is gone.
+    gone: bool,
+}
+
+impl LastingPen {
+    fn look(&mut self) -> Option<ServiceError> {
+        let (change, error) = self.pen.look(|foretrace| foretrace.pen_feed_as(&self.who));
+        match change {
+            DaemonChange::None => {}
+            DaemonChange::Gone => self.gone = true,
+            DaemonChange::Back | DaemonChange::Renewed => self.gone = false,
+        }
+        error
+    }
+}
+
 /// Feeds the pen of an instance from any Python thread.
 #[pyclass(frozen, module = "foretrace._native")]
 pub struct PenHandle {
-    worker: Arc<Worker<Lasting<PenFeed>>>,
-    who: Claimant,
+    worker: Arc<Worker<LastingPen>>,
 }
 
 fn claimant(name: Option<&str>) -> Claimant {
@@ -98,27 +117,24 @@ impl PenHandle {
         take_over_s: Option<f64>,
     ) -> PyResult<Self> {
         let who = claimant(name);
-        let (claiming, again) = (who.clone(), who.clone());
         let patience = take_over_s.map(|patience| seconds("take_over", patience)).transpose()?;
-        let open = move || -> Result<Lasting<PenFeed>, LiveFailure> {
+        let open = move || -> Result<LastingPen, LiveFailure> {
             let foretrace = Foretrace::attach_within(&instance, Duration::ZERO)?;
             let feed = match patience {
-                None => foretrace.pen_feed_as(&claiming)?,
-                Some(patience) => foretrace.take_pen_feed(&claiming, patience)?,
+                None => foretrace.pen_feed_as(&who)?,
+                Some(patience) => foretrace.take_pen_feed(&who, patience)?,
             };
-            Ok(Lasting::new(foretrace, feed))
+            Ok(LastingPen { pen: Lasting::new(foretrace, feed), who, gone: false })
         };
-        let idle = move |pen: &mut Lasting<PenFeed>| {
-            if let Some(feed) = &mut pen.handle
-                && feed.handed_to().is_some()
-            {
-                return;
+        let idle = |pen: &mut LastingPen| {
+            let handed = pen.pen.handle.as_mut().is_some_and(|feed| feed.handed_to().is_some());
+            if !handed {
+                // An error is no end: the next look tries again, and a send says what is wrong.
+                let _ = pen.look();
             }
-            // An error is no end: the next look tries again, and a send says what is wrong.
-            let _ = pen.look(|foretrace| foretrace.pen_feed_as(&again));
         };
         let opening = PATIENCE + patience.unwrap_or_default();
-        Ok(Self { worker: Worker::start(py, "the pen", LOOK, opening, open, idle)?, who })
+        Ok(Self { worker: Worker::start(py, "the pen", LOOK, opening, open, idle)? })
     }
 }
 
@@ -126,9 +142,9 @@ impl PenHandle {
 impl PenHandle {
     fn send(&self, py: Python<'_>, samples: Vec<GivenSample>) -> PyResult<Outcome> {
         let readings = readings(samples);
-        let who = self.who.clone();
-        let job = move |pen: &mut Lasting<PenFeed>| {
-            let (_, error) = pen.look(|foretrace| foretrace.pen_feed_as(&who));
+        let job = move |pen: &mut LastingPen| {
+            let error = pen.look();
+            let LastingPen { pen, gone, .. } = pen;
             let Some(feed) = &mut pen.handle else {
                 let failure = error.map_or_else(
                     || {
@@ -140,7 +156,7 @@ impl PenHandle {
                 return (0, 0, Some(failure));
             };
             send_all(&readings, |reading| match feed.send(reading) {
-                Ok(heard) => Ok(heard),
+                Ok(heard) => Ok(heard && !*gone),
                 Err(FeedError::HandedOver) => Err(handed_over(feed)),
                 Err(error) => Err(error.into()),
             })
@@ -151,7 +167,7 @@ impl PenHandle {
 
     fn handed_to(&self, py: Python<'_>) -> PyResult<Option<String>> {
         self.worker.call(py, PATIENCE, |pen| {
-            pen.handle.as_mut().and_then(|feed| feed.handed_to().map(ToString::to_string))
+            pen.pen.handle.as_mut().and_then(|feed| feed.handed_to().map(ToString::to_string))
         })
     }
 

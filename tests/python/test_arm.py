@@ -1,0 +1,223 @@
+"""An arm in Python: it follows, brakes when commands end, and stands after a pause."""
+
+import math
+import time
+import unittest
+
+import foretrace
+from foretrace.messages import ArmFlags, CommandFlags, Mode, RobotMode, SafetyMode
+from world import HOME, Hand, PerfectArm, World, following, until
+
+#: Deceleration of the interface [rad/s²].
+BRAKE = 20.0
+
+
+class Arms(World):
+    def test_it_follows_a_hand_and_its_states_carry_stamp_and_echo(self):
+        self.daemon()
+        with foretrace.attach() as ft:
+            arm = PerfectArm(ft)
+            joints = ft.records("joints")
+            self.armed(ft)
+            hand = Hand(ft)
+            status = following(ft)
+            time.sleep(1.0)
+            states = joints.drain_records(1.0)
+            stamps = [state.header.stamp_ns for state in states]
+            self.assertEqual(stamps, sorted(set(stamps)))
+            self.assertGreater(states[-1].command_tick, 0)
+            self.assertGreater(states[-1].pen_stamp_ns, 0)
+            self.assertEqual(states[-1].safety_mode, SafetyMode.NORMAL)
+            self.assertGreater(max(abs(a - b) for a, b in zip(states[-1].q, HOME)), 1e-4)
+            counts = arm.interface.counts()
+            self.assertGreater(counts["states_sent"], 100)
+            self.assertEqual((counts["states_not_sent"], counts["trouble"]), (0, None))
+            # The echo comes back: the daemon knows how long a command takes.
+            status = ft.status()
+            self.assertLess(status.chain.command_transport_ns, 2**63)
+            self.assertTrue(status.arm_line.flags & ArmFlags.SIMULATED)
+            hand.end()
+            arm.end()
+
+    def test_states_are_sent_for_new_measurements_only(self):
+        self.daemon()
+        with foretrace.attach() as ft, ft.arm_interface(500) as arm:
+            joints = ft.records("joints")
+            stamp = time.monotonic_ns()
+            self.assertTrue(arm.measured(HOME, [0.0] * 6, stamp=stamp))
+            self.assertFalse(arm.measured(HOME, [0.0] * 6, stamp=stamp))
+            time.sleep(0.2)
+            self.assertEqual([state.header.stamp_ns for state in joints.drain_records()], [stamp])
+            with self.refuses(foretrace.Invalid, "before the measurement before it", "must grow"):
+                arm.measured(HOME, [0.0] * 6, stamp=stamp - 1)
+            with self.refuses(foretrace.Invalid, "stamp_ns", "in the future"):
+                arm.measured(HOME, [0.0] * 6, stamp=time.time_ns())
+            with self.refuses(foretrace.Invalid, "old", "time.monotonic_ns()"):
+                arm.measured(HOME, [0.0] * 6, stamp=1)
+            with self.refuses(foretrace.Invalid, "q"):
+                arm.measured([math.nan] * 6, [0.0] * 6)
+            # Degrees.
+            with self.refuses(foretrace.Invalid, "q", "rad"):
+                arm.measured([math.degrees(q) for q in HOME], [0.0] * 6)
+            with self.refuses(foretrace.Invalid, "q has 5 values"):
+                arm.measured(HOME[:5], [0.0] * 6)
+            with self.refuses(foretrace.Invalid, "effort_unit"):
+                arm.measured(HOME, [0.0] * 6, effort=[0.0] * 6)
+            with self.refuses(foretrace.Invalid, "safety_mode"):
+                arm.measured(HOME, [0.0] * 6, safety_mode=99)
+            target = arm.target()
+            self.assertEqual((target.move, target.state, target.q), (False, "stand", None))
+            self.assertEqual(arm.counts()["states_sent"], 1)
+            with self.refuses(foretrace.Taken, "slot"):
+                foretrace.attach().arm_interface(500)
+
+    def test_numbers_of_the_interface_are_bounded(self):
+        self.daemon()
+        with foretrace.attach() as ft:
+            for arguments, name in (
+                ({"rate_hz": 0}, "rate_hz"), ({"rate_hz": math.nan}, "rate_hz"), ({"rate_hz": 1e6}, "rate_hz"),
+                ({"rate_hz": 500, "deceleration": 0}, "deceleration"), ({"rate_hz": 500, "pause_after": 0}, "pause_after"),
+            ):
+                with self.refuses(foretrace.Invalid, name, "from"):
+                    ft.arm_interface(**arguments)
+
+    def test_when_the_daemon_dies_it_brakes_as_the_next_daemon_assumes(self):
+        daemon = self.daemon()
+        with foretrace.attach() as ft:
+            arm = PerfectArm(ft)
+            self.armed(ft)
+            hand = Hand(ft)
+            following(ft)
+            until("it moves", lambda: max(map(abs, arm.qd)) > 0.05)
+            self.kill(daemon)
+            until("it stands", lambda: arm.targets[-1][1].state == "stand")
+            braking = [target for _, target in arm.targets if target.state == "brake"]
+            for before, after in zip(braking, braking[1:]):
+                seconds = (after.at_ns - before.at_ns) * 1e-9
+                for q0, q1, v0, v1 in zip(before.q, after.q, before.qd, after.qd):
+                    self.assertLessEqual(abs(v1), abs(v0) + 1e-12)
+                    self.assertLessEqual(abs(v1 - v0), BRAKE * seconds + 1e-9)
+                    self.assertLessEqual(abs(q1 - q0), abs(v0) * seconds + 1e-9)
+            self.assertLess(max(jumps(arm.targets)), 0.03)
+            # The next daemon moves nothing until somebody arms; then the same interface follows it.
+            self.daemon()
+            ft.wait_until(lambda status: status.mode == Mode.IDLE, timeout=10)
+            self.armed(ft)
+            following(ft)
+            hand.end()
+            arm.end()
+
+    def test_after_a_pause_of_python_the_arm_stands_until_it_is_armed_again(self):
+        self.daemon()
+        with foretrace.attach() as ft:
+            arm = PerfectArm(ft)
+            self.armed(ft)
+            hand = Hand(ft)
+            following(ft)
+            until("it moves", lambda: max(map(abs, arm.qd)) > 0.05)
+            arm.block_s = 0.8
+            paused = until("it is paused", lambda: next((t for _, t in arm.targets if t.state == "paused"), None))
+            self.assertFalse(paused.move)
+            told = [target for _, target in arm.targets if target.move]
+            # Where it was last told to be.
+            self.assertEqual(paused.q, told[-1].q)
+            ft.wait_until(lambda status: status.mode == Mode.STOPPED, timeout=10)
+            self.assertIn("the Python program read no target for", self.ask("status").stdout)
+            time.sleep(0.3)
+            self.assertEqual(arm.targets[-1][1].state, "paused")
+            self.armed(ft)
+            following(ft)
+            begin = next(t for _, t in reversed(arm.targets) if t.state == "paused")
+            after = next(t for _, t in arm.targets if t.at_ns > begin.at_ns and t.move)
+            self.assertLess(max(abs(a - b) for a, b in zip(after.q, begin.q)), 1e-3)
+            self.assertEqual(arm.interface.counts()["pauses"], 1)
+            hand.end()
+            arm.end()
+
+    def test_what_the_arm_says_stands_in_the_status(self):
+        self.daemon()
+        with foretrace.attach() as ft, ft.arm_interface(100) as arm:
+            arm.say("the door is open", "close it, then arm")
+
+            def told():
+                arm.measured(HOME, [0.0] * 6, safety_mode=SafetyMode.PROTECTIVE_STOP, robot_mode=RobotMode.RUNNING)
+                return ft.status().note.text.decode() == "the door is open"
+
+            until("the note", told)
+
+            def refused():
+                told()
+                try:
+                    ft.arm()
+                except foretrace.Refused as problem:
+                    return "the door is open" in str(problem) and "close it" in str(problem)
+
+            until("a refusal with it", refused)
+            arm.say_nothing()
+            until("no note", lambda: arm.measured(HOME, [0.0] * 6) and ft.status().note_since_ns == 0)
+
+    def test_the_messages_themselves(self):
+        self.daemon()
+        with foretrace.attach() as ft, ft.arm_ports() as ports:
+            from foretrace.messages import JointCommand, JointState
+
+            self.assertIsNone(ports.latest())
+            state = JointState(safety_mode=SafetyMode.NORMAL, robot_mode=RobotMode.RUNNING)
+            state.q[:] = HOME
+            def send():
+                ports.publish(state, time.monotonic_ns())
+                time.sleep(0.01)
+                try:
+                    return ft.arm()
+                except foretrace.Refused:
+                    return None
+            until("armed", send)
+            command, echo = until("a command", ports.latest)
+            self.assertTrue(command.flags & CommandFlags.ENABLED)
+            self.assertEqual(echo.command_tick, command.tick)
+            q, qd = foretrace.demand_at(command, command.header.stamp_ns)
+            self.assertEqual(q, list(command.q))
+            self.assertIsNone(foretrace.demand_at(command, command.valid_until_ns))
+            state.q[0] = math.inf
+            with self.refuses(foretrace.Invalid, "q"):
+                ports.publish(state, time.monotonic_ns())
+            with self.refuses(foretrace.Invalid, "the command has 5 bytes"):
+                foretrace._native.demand_at(b"short", 0)
+            command.header.boot_id += 1
+            with self.refuses(foretrace.Invalid, "last start"):
+                foretrace.demand_at(command, command.header.stamp_ns)
+
+    def test_the_state_at_an_instant_lies_between_two_states(self):
+        self.daemon()
+        with foretrace.attach() as ft, ft.arm_interface(100) as arm:
+            with self.refuses(foretrace.Invalid, "no joint state"):
+                ft.state_at(time.monotonic_ns())
+            begin = time.monotonic_ns()
+            stamps = []
+            for count in range(20):
+                stamps.append(time.monotonic_ns())
+                arm.measured([HOME[0] + 0.001 * count, *HOME[1:]], [0.1] + [0.0] * 5, stamp=stamps[-1])
+                time.sleep(0.01)
+            middle = (stamps[10] + stamps[11]) // 2
+            joints = ft.state_at(middle)
+            self.assertAlmostEqual(joints.q[0], HOME[0] + 0.0105, places=5)
+            self.assertEqual(joints.gap_ns, stamps[11] - stamps[10])
+            self.assertAlmostEqual(ft.state_at(stamps[5]).q[0], HOME[0] + 0.005, places=9)
+            with self.refuses(foretrace.Invalid, "after the newest joint state"):
+                ft.state_at(time.monotonic_ns() + 10**9, timeout=0.05)
+            with self.refuses(foretrace.Invalid, "before the oldest state"):
+                ft.state_at(begin - 10**9)
+            time.sleep(0.3)
+            arm.measured(HOME, [0.0] * 6)
+            with self.refuses(foretrace.Invalid, "silence of the arm"):
+                ft.state_at(stamps[-1] + 150_000_000)
+
+
+def jumps(targets):
+    """Largest step of any joint between two targets that were read one after the other [rad]."""
+    moving = [target for _, target in targets if target.q is not None and target.move]
+    return [max(abs(a - b) for a, b in zip(one.q, two.q)) for one, two in zip(moving, moving[1:])] or [0.0]
+
+
+if __name__ == "__main__":
+    unittest.main()
