@@ -121,7 +121,8 @@ class PerfectArm(threading.Thread):
 
     def __init__(self, ft, rate_hz=250, **options):
         super().__init__(daemon=True)
-        self.interface = ft.arm_interface(rate_hz, simulated=True, **options)
+        # As patient as the daemon of these tests.
+        self.interface = ft.arm_interface(rate_hz, simulated=True, **{"pause_after": 0.4, **options})
         self.q, self.qd = list(HOME), [0.0] * 6
         self.targets = []
         self.block_s = 0.0

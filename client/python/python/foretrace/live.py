@@ -247,7 +247,7 @@ class Foretrace(Closable):
         return self._keep(DeadMan(self._native.dead_man(name, take_over)))
 
     def arm_interface(
-        self, rate_hz: float, *, deceleration: float = 20.0, pause_after: float = 0.1, simulated: bool = False
+        self, rate_hz: float, *, deceleration: float = 20.0, pause_after: float = 0.05, simulated: bool = False
     ) -> ArmInterface:
         """Makes this program the arm: targets at `rate_hz`, measurements back.
 
