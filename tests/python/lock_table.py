@@ -34,6 +34,7 @@ FAST_RADPS = 0.2
 FAULTS = {
     "none": "Python idle",
     "computing": "another thread computes for 300 ms",
+    "short": "the arm's own loop blocked for 150 ms",
     "blocked": "the arm's own loop blocked for 300 ms",
     "lock": "another thread holds the interpreter lock for 300 ms",
     "garbage": "garbage is collected",
@@ -56,7 +57,7 @@ class Told:
             file.truncate(self.MOST * TOLD.size)
             self.map = mmap.mmap(file.fileno(), 0)
         self.count = 0
-        self.block = threading.Event()
+        self.block_s = 0.0
         self.fast = threading.Event()
 
     def __call__(self, move, q, qd):
@@ -64,9 +65,9 @@ class Told:
         self.count += 1
         if max(map(abs, qd)) > FAST_RADPS:
             self.fast.set()
-        if self.block.is_set():
-            self.block.clear()
-            time.sleep(PAUSE_S)
+        if self.block_s:
+            pause, self.block_s = self.block_s, 0.0
+            time.sleep(pause)
 
 
 def by_interface(ft, told):
@@ -120,8 +121,8 @@ def arm_process(kind, fault, path):
     if fault == "computing":
         while time.monotonic() - begin < PAUSE_S:
             sum(range(1000))
-    elif fault == "blocked":
-        told.block.set()
+    elif fault in ("short", "blocked"):
+        told.block_s = PAUSE_S if fault == "blocked" else 0.5 * PAUSE_S
     elif fault == "lock":
         # A call through PyDLL keeps the lock, as an extension module does that never releases it.
         ctypes.PyDLL(None).usleep(round(PAUSE_S * 1e6))

@@ -4,7 +4,12 @@ use pyo3::create_exception;
 use pyo3::exceptions::PyException;
 use pyo3::prelude::*;
 
-create_exception!(foretrace, Problem, PyException, "Whatever foretrace could not do; the text says what to do.");
+create_exception!(
+    foretrace,
+    Problem,
+    PyException,
+    "Whatever foretrace could not do; the text says what to do."
+);
 create_exception!(
     foretrace,
     Refused,
@@ -12,8 +17,18 @@ create_exception!(
     "The daemon or the gateway refused; the text is its reason and remedy. After a request, `status` is a \
      `messages.ControlStatus`, `detail` and `value` are numbers that belong to it."
 );
-create_exception!(foretrace, NoDaemon, Problem, "No daemon of this instance runs, or the one that did is gone.");
-create_exception!(foretrace, OtherVersion, Problem, "Daemon or file and this package have different message layouts.");
+create_exception!(
+    foretrace,
+    NoDaemon,
+    Problem,
+    "No daemon of this instance runs, or the one that did is gone."
+);
+create_exception!(
+    foretrace,
+    OtherVersion,
+    Problem,
+    "Daemon or file and this package have different message layouts."
+);
 create_exception!(foretrace, Taken, Problem, "The place has another holder, whom the text names.");
 create_exception!(foretrace, Invalid, Problem, "A value outside its bounds: which, the bound, the unit.");
 create_exception!(

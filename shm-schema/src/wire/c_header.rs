@@ -6,7 +6,7 @@
 use std::fmt::Write as _;
 
 use super::foreign::{
-    LAYOUT_HASH, MESSAGES, Variant, documentation, enumerations, flag_words, screaming, snake,
+    LAYOUT_HASH, MESSAGES, WireVariant, documentation, enumerations, flag_words, screaming, snake,
 };
 use super::layout::{Declaration, WireShape};
 
@@ -104,7 +104,7 @@ impl HeaderText {
     }
 
     /// An enumeration, and the words for its numbers.
-    fn enumeration(&mut self, kind: &str, variants: &[Variant]) {
+    fn enumeration(&mut self, kind: &str, variants: &[WireVariant]) {
         let (name, prefix) = (format!("foretrace_{}", snake(kind)), screaming(kind));
         let _ = writeln!(self.text, "enum {name} {{");
         for (variant, number, label) in variants {

@@ -19,7 +19,7 @@ use super::vocabulary::{
 };
 
 /// Name in the source, number, and label of a variant.
-pub(super) type Variant = (String, i64, &'static str);
+pub(super) type WireVariant = (String, i64, &'static str);
 
 /// The messages that a program in another language meets.
 pub(super) const MESSAGES: [WireShape; 6] = [
@@ -51,7 +51,7 @@ pub(super) const LAYOUT_HASH: u64 = {
 };
 
 /// Every enumeration of [`MESSAGES`] and requests, by its name in the source.
-pub(super) fn enumerations() -> Vec<(&'static str, Vec<Variant>)> {
+pub(super) fn enumerations() -> Vec<(&'static str, Vec<WireVariant>)> {
     macro_rules! of {
         ($($kind:ident)+) => {vec![$({
             let variants = $kind::ALL

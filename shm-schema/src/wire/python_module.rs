@@ -6,7 +6,9 @@
 
 use std::fmt::Write as _;
 
-use super::foreign::{LAYOUT_HASH, MESSAGES, Variant, documentation, enumerations, flag_words, screaming};
+use super::foreign::{
+    LAYOUT_HASH, MESSAGES, WireVariant, documentation, enumerations, flag_words, screaming,
+};
 use super::layout::{Declaration, WireShape};
 
 /// The messages that a program in Python meets: enumerations, flags, records and the layout hash.
@@ -39,7 +41,7 @@ struct ModuleText {
 }
 
 impl ModuleText {
-    fn enumeration(&mut self, kind: &str, variants: &[Variant]) {
+    fn enumeration(&mut self, kind: &str, variants: &[WireVariant]) {
         let _ = writeln!(self.text, "class {kind}(Enumeration):");
         for (variant, number, label) in variants {
             let _ = writeln!(self.text, "    {} = {number}, \"{label}\"", screaming(variant));
@@ -188,6 +190,9 @@ mod tests {
             std::fs::write(path, &now).unwrap();
         }
         let same = std::fs::read_to_string(path).unwrap_or_default() == now;
-        assert!(same, "messages.py is of other messages: FORETRACE_BLESS=1 cargo test -p foretrace-shm --lib");
+        assert!(
+            same,
+            "messages.py is of other messages: FORETRACE_BLESS=1 cargo test -p foretrace-shm --lib"
+        );
     }
 }

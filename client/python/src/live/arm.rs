@@ -19,10 +19,10 @@ const QUEUE: usize = 64;
 /// A measurement that is older is of another clock \[ns\].
 const OLDEST_NS: u64 = 1_000_000_000;
 
-/// Joints as Python gives them.
-type Joints = [f64; JOINTS];
+/// GivenJoints as Python gives them.
+type GivenJoints = [f64; JOINTS];
 /// State, whether to move, q \[rad\], qd \[rad/s\], instant \[ns\], tick, mode and flags of the command.
-type TargetParts = (&'static str, bool, Option<Joints>, Option<Joints>, u64, u64, u32, u32);
+type TargetParts = (&'static str, bool, Option<GivenJoints>, Option<GivenJoints>, u64, u64, u32, u32);
 
 /// Ends the loop.
 struct ArmEnd {
@@ -80,7 +80,7 @@ impl ArmHandle {
         let shared = desk.clone();
         let run = move || {
             // Also where the loop panics: nobody waits for a loop that is over.
-            let _over = Over(shared.clone());
+            let _over = LoopOver(shared.clone());
             let ports = Foretrace::attach_within(&instance, Duration::ZERO)
                 .and_then(|foretrace| open_ports(&foretrace).map(|ports| Lasting::new(foretrace, ports)));
             match ports {
@@ -96,7 +96,10 @@ impl ArmHandle {
             }
         };
         std::thread::Builder::new().name("foretrace-arm".to_owned()).spawn(run).map_err(|error| {
-            LiveFailure::new(FailureKind::Other, format!("the arm: starting a thread: {error}: free some memory"))
+            LiveFailure::new(
+                FailureKind::Other,
+                format!("the arm: starting a thread: {error}: free some memory"),
+            )
         })?;
         super::worker::receive(py, opening, PATIENCE, "the arm")??;
         let end = Arc::new(ArmEnd { news: Mutex::new(Some(news)), desk, pid: std::process::id() });
@@ -107,12 +110,15 @@ impl ArmHandle {
 
     fn tell(&self, news: ArmNews) -> Result<(), LiveFailure> {
         same_process(self.end.pid, "the arm")?;
-        let over = || LiveFailure::new(FailureKind::Other, "the arm's loop is over: open the interface again");
+        let over =
+            || LiveFailure::new(FailureKind::Other, "the arm's loop is over: open the interface again");
         match locked(&self.end.news).as_ref().ok_or_else(over)?.try_send(news) {
             Ok(()) => Ok(()),
             Err(TrySendError::Disconnected(_)) => Err(over()),
             Err(TrySendError::Full(_)) => {
-                let text = format!("{QUEUE} measurements wait for the arm's loop, which hangs: stop the arm by itself");
+                let text = format!(
+                    "{QUEUE} measurements wait for the arm's loop, which hangs: stop the arm by itself"
+                );
                 Err(LiveFailure::new(FailureKind::Other, text))
             }
         }
@@ -124,7 +130,9 @@ impl ArmHandle {
         let bound_ns = HeaderBounds::DEFAULT.future_ns;
         if ahead_ns > bound_ns {
             let [ahead_s, bound_s] = [ahead_ns, bound_ns].map(|ns| ns as f64 * 1e-9);
-            return Err(Rejection::new(RejectReason::FromTheFuture, "stamp_ns").because(ahead_s, bound_s).into());
+            return Err(Rejection::new(RejectReason::FromTheFuture, "stamp_ns")
+                .because(ahead_s, bound_s)
+                .into());
         }
         if now_ns.saturating_sub(stamp_ns) > OLDEST_NS {
             return Err(other_clock(stamp_ns, now_ns));
@@ -144,9 +152,9 @@ impl ArmHandle {
 }
 
 /// Says that the loop is over.
-struct Over(SharedDesk);
+struct LoopOver(SharedDesk);
 
-impl Drop for Over {
+impl Drop for LoopOver {
     fn drop(&mut self) {
         locked(&self.0.0).over = true;
         self.0.1.notify_all();
@@ -168,9 +176,9 @@ impl ArmHandle {
     fn measured(
         &self,
         stamp_ns: Option<u64>,
-        q: Joints,
-        qd: Joints,
-        effort: Option<Joints>,
+        q: GivenJoints,
+        qd: GivenJoints,
+        effort: Option<GivenJoints>,
         effort_unit: u32,
         safety_mode: u32,
         robot_mode: u32,
@@ -261,4 +269,3 @@ impl ArmHandle {
         py.detach(|| self.end.close());
     }
 }
-

@@ -11,8 +11,8 @@ use std::time::{Duration, Instant};
 
 use foretrace_client::wire::command_flags;
 use foretrace_client::{
-    Commands, Demand, Foretrace, JOINTS, JointCommand, JointState, JointStates, Lasting, ServiceError, demand_at,
-    monotonic_now_ns,
+    Commands, Demand, Foretrace, JOINTS, JointCommand, JointState, JointStates, Lasting, ServiceError,
+    demand_at, monotonic_now_ns,
 };
 use foretrace_control::arm::limits::JointMotion;
 use foretrace_control::guard::{Commanded, consumer_state};
@@ -133,10 +133,10 @@ pub struct ArmPace {
     pub pause_ns: u64,
 }
 
-type ArmPorts = (Commands, JointStates);
+type LivePorts = (Commands, JointStates);
 
 pub struct ArmLoop {
-    ports: Lasting<ArmPorts>,
+    ports: Lasting<LivePorts>,
     pace: ArmPace,
     desk: SharedDesk,
     newest: Option<JointCommand>,
@@ -148,12 +148,12 @@ pub struct ArmLoop {
     paused: Option<Option<[f64; JOINTS]>>,
 }
 
-pub fn open_ports(foretrace: &Foretrace) -> Result<ArmPorts, ServiceError> {
+pub fn open_ports(foretrace: &Foretrace) -> Result<LivePorts, ServiceError> {
     Ok((foretrace.commands(Commands::MAX_BUFFER)?, foretrace.joint_states()?))
 }
 
 impl ArmLoop {
-    pub fn new(ports: Lasting<ArmPorts>, pace: ArmPace, desk: SharedDesk) -> Self {
+    pub fn new(ports: Lasting<LivePorts>, pace: ArmPace, desk: SharedDesk) -> Self {
         Self { ports, pace, desk, newest: None, followed: None, moving_ns: None, paused: None }
     }
 

@@ -1,4 +1,4 @@
-//! `Attachment`: an instance and its daemon; makes the handles, asks, and stops what it has set in motion.
+//! `LiveAttachment`: an instance and its daemon; makes the handles, asks, and stops what it has set in motion.
 
 use std::mem::ManuallyDrop;
 use std::path::PathBuf;
@@ -6,9 +6,7 @@ use std::sync::{Arc, Mutex, Weak};
 use std::time::Duration;
 
 use foretrace_client::wire::ControlResponse;
-use foretrace_client::{
-    DaemonMark, Foretrace, Instance, RequestError, Requests, Stopped,
-};
+use foretrace_client::{DaemonMark, Foretrace, Instance, RequestError, Requests, Stopped};
 use pyo3::prelude::*;
 
 use super::arm::ArmHandle;
@@ -25,7 +23,7 @@ use super::worker::{Closing, locked, remember, same_process, seconds};
 const STOPPING: Duration = Duration::from_secs(2);
 
 /// An answer of the daemon: status, detail, value, text.
-type Answer = (i32, u32, f64, String);
+type AnswerParts = (i32, u32, f64, String);
 
 struct Inner {
     /// Not dropped in a child process: what it holds in shared memory is the parent's.
@@ -67,8 +65,9 @@ impl Drop for Inner {
     }
 }
 
-#[pyclass(frozen, module = "foretrace._native")]
-pub struct Attachment(Arc<Inner>);
+/// An instance and its daemon.
+#[pyclass(frozen, name = "Attachment", module = "foretrace._native")]
+pub struct LiveAttachment(Arc<Inner>);
 
 fn instance_of(number: u32, root: Option<PathBuf>) -> Result<Instance, LiveFailure> {
     Ok(match root {
@@ -94,7 +93,7 @@ pub fn stop(
     Ok(stopped(result.map_err(LiveFailure::from)?))
 }
 
-impl Attachment {
+impl LiveAttachment {
     /// Asks with an attachment that is renewed where there is a new daemon.
     fn ask(
         &self,
@@ -102,7 +101,7 @@ impl Attachment {
         timeout_s: f64,
         moves: bool,
         ask: impl FnOnce(&mut Requests, Duration) -> Result<ControlResponse, RequestError> + Send,
-    ) -> PyResult<Answer> {
+    ) -> PyResult<AnswerParts> {
         self.ask_at(py, timeout_s, moves, 0, ask)
     }
 
@@ -113,7 +112,7 @@ impl Attachment {
         moves: bool,
         decided_ns: u64,
         ask: impl FnOnce(&mut Requests, Duration) -> Result<ControlResponse, RequestError> + Send,
-    ) -> PyResult<Answer> {
+    ) -> PyResult<AnswerParts> {
         same_process(self.0.pid, "the attachment")?;
         let timeout = seconds("timeout", timeout_s)?;
         let answer = py.detach(|| -> Result<ControlResponse, LiveFailure> {
@@ -148,7 +147,7 @@ fn closed() -> LiveFailure {
 }
 
 #[pymethods]
-impl Attachment {
+impl LiveAttachment {
     #[new]
     fn attach(py: Python<'_>, number: u32, root: Option<PathBuf>, wait_s: f64) -> PyResult<Self> {
         let (instance, wait) = (instance_of(number, root)?, seconds("wait", wait_s)?);
@@ -193,7 +192,12 @@ impl Attachment {
         self.open(|instance| PenHandle::open(py, instance, name, take_over_s))
     }
 
-    fn dead_man(&self, py: Python<'_>, name: Option<&str>, take_over_s: Option<f64>) -> PyResult<DeadManHandle> {
+    fn dead_man(
+        &self,
+        py: Python<'_>,
+        name: Option<&str>,
+        take_over_s: Option<f64>,
+    ) -> PyResult<DeadManHandle> {
         self.open(|instance| DeadManHandle::open(py, instance, name, take_over_s))
     }
 
@@ -224,41 +228,41 @@ impl Attachment {
         self.open(|instance| ArmPortsHandle::open(py, instance))
     }
 
-    fn arm(&self, py: Python<'_>, timeout_s: f64, decided_ns: u64) -> PyResult<Answer> {
+    fn arm(&self, py: Python<'_>, timeout_s: f64, decided_ns: u64) -> PyResult<AnswerParts> {
         self.ask_at(py, timeout_s, true, decided_ns, Requests::arm)
     }
 
-    fn move_home(&self, py: Python<'_>, timeout_s: f64) -> PyResult<Answer> {
+    fn move_home(&self, py: Python<'_>, timeout_s: f64) -> PyResult<AnswerParts> {
         self.ask(py, timeout_s, true, Requests::move_home)
     }
 
-    fn disarm(&self, py: Python<'_>, timeout_s: f64) -> PyResult<Answer> {
+    fn disarm(&self, py: Python<'_>, timeout_s: f64) -> PyResult<AnswerParts> {
         let answer = self.ask(py, timeout_s, false, Requests::disarm)?;
         *locked(&self.0.moved) = None;
         Ok(answer)
     }
 
-    fn query(&self, py: Python<'_>, timeout_s: f64) -> PyResult<Answer> {
+    fn query(&self, py: Python<'_>, timeout_s: f64) -> PyResult<AnswerParts> {
         self.ask(py, timeout_s, false, Requests::query)
     }
 
-    fn set_trust(&self, py: Python<'_>, trust: f64, timeout_s: f64) -> PyResult<Answer> {
+    fn set_trust(&self, py: Python<'_>, trust: f64, timeout_s: f64) -> PyResult<AnswerParts> {
         self.ask(py, timeout_s, false, |requests, wait| requests.set_trust(trust, wait))
     }
 
-    fn freeze_trust(&self, py: Python<'_>, timeout_s: f64) -> PyResult<Answer> {
+    fn freeze_trust(&self, py: Python<'_>, timeout_s: f64) -> PyResult<AnswerParts> {
         self.ask(py, timeout_s, false, Requests::freeze_trust)
     }
 
-    fn trust_auto(&self, py: Python<'_>, timeout_s: f64) -> PyResult<Answer> {
+    fn trust_auto(&self, py: Python<'_>, timeout_s: f64) -> PyResult<AnswerParts> {
         self.ask(py, timeout_s, false, Requests::trust_auto)
     }
 
-    fn switch_predictor(&self, py: Python<'_>, name: &str, timeout_s: f64) -> PyResult<Answer> {
+    fn switch_predictor(&self, py: Python<'_>, name: &str, timeout_s: f64) -> PyResult<AnswerParts> {
         self.ask(py, timeout_s, false, |requests, wait| requests.switch_predictor(name, wait))
     }
 
-    fn reload(&self, py: Python<'_>, timeout_s: f64) -> PyResult<Answer> {
+    fn reload(&self, py: Python<'_>, timeout_s: f64) -> PyResult<AnswerParts> {
         self.ask(py, timeout_s, false, Requests::reload)
     }
 

@@ -8,12 +8,12 @@ use pyo3::prelude::*;
 
 use super::failure::{FailureKind, LiveFailure};
 use super::pen::PATIENCE;
-use super::worker::{Closing, Worker, seconds};
+use super::worker::{Closing, HandleWorker, seconds};
 
 /// The dead-man switch of an instance, from any Python thread.
 #[pyclass(frozen, module = "foretrace._native")]
 pub struct DeadManHandle {
-    worker: Arc<Worker<Lasting<DeadMan>>>,
+    worker: Arc<HandleWorker<Lasting<DeadMan>>>,
 }
 
 impl DeadManHandle {
@@ -42,7 +42,7 @@ impl DeadManHandle {
         };
         let opening = PATIENCE + patience.unwrap_or_default();
         let pause = Duration::from_millis(100);
-        Ok(Self { worker: Worker::start(py, "the dead-man switch", pause, opening, open, idle)? })
+        Ok(Self { worker: HandleWorker::start(py, "the dead-man switch", pause, opening, open, idle)? })
     }
 }
 

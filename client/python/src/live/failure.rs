@@ -2,7 +2,8 @@
 
 use foretrace_client::wire::Rejection;
 use foretrace_client::{
-    DeadManError, FeedError, GatewayError, InstanceError, JointStateError, RequestError, ServiceError, StopError,
+    DeadManError, FeedError, GatewayError, InstanceError, JointStateError, RequestError, ServiceError,
+    StopError,
 };
 use pyo3::prelude::*;
 

@@ -9,7 +9,7 @@ use pyo3::prelude::*;
 
 use super::failure::LiveFailure;
 use super::pen::PATIENCE;
-use super::worker::{Closing, Worker};
+use super::worker::{Closing, HandleWorker};
 
 const COLLECT: Duration = Duration::from_millis(5);
 /// States that are kept: 16 s at 500 Hz.
@@ -17,16 +17,16 @@ const KEPT: usize = 8192;
 /// Nothing is said of an instant in a longer silence of the arm \[ns\].
 const LONGEST_GAP_NS: u64 = 100_000_000;
 
-struct History {
+struct StateHistory {
     watch: Lasting<JointWatch>,
     states: VecDeque<JointState>,
 }
 
-/// Joints at an instant: positions \[rad\], velocities \[rad/s\], and the distance in time of the two states
+/// GivenJoints at an instant: positions \[rad\], velocities \[rad/s\], and the distance in time of the two states
 /// around it \[ns\].
 type JointsAt = (Vec<f64>, Vec<f64>, u64);
 
-impl History {
+impl StateHistory {
     fn collect(&mut self) {
         let states = &mut self.states;
         if let Some(watch) = &mut self.watch.handle {
@@ -91,17 +91,17 @@ impl History {
 /// The measured joints of the last seconds.
 #[pyclass(frozen, module = "foretrace._native")]
 pub struct HistoryHandle {
-    worker: Arc<Worker<History>>,
+    worker: Arc<HandleWorker<StateHistory>>,
 }
 
 impl HistoryHandle {
     pub fn open(py: Python<'_>, instance: Instance) -> PyResult<Self> {
-        let open = move || -> Result<History, LiveFailure> {
+        let open = move || -> Result<StateHistory, LiveFailure> {
             let foretrace = Foretrace::attach_within(&instance, Duration::ZERO)?;
             let watch = foretrace.joint_watch()?;
-            Ok(History { watch: Lasting::new(foretrace, watch), states: VecDeque::with_capacity(KEPT) })
+            Ok(StateHistory { watch: Lasting::new(foretrace, watch), states: VecDeque::with_capacity(KEPT) })
         };
-        let worker = Worker::start(py, "the history", COLLECT, PATIENCE, open, History::collect)?;
+        let worker = HandleWorker::start(py, "the history", COLLECT, PATIENCE, open, StateHistory::collect)?;
         Ok(Self { worker })
     }
 }
@@ -109,7 +109,7 @@ impl HistoryHandle {
 #[pymethods]
 impl HistoryHandle {
     fn at(&self, py: Python<'_>, t_ns: u64) -> PyResult<JointsAt> {
-        let job = move |history: &mut History| {
+        let job = move |history: &mut StateHistory| {
             history.collect();
             history.at(t_ns)
         };

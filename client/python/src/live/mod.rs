@@ -34,7 +34,7 @@ fn now_ns() -> u64 {
 pub fn add(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("LAYOUT_HASH", foretrace_shm::C_LAYOUT_HASH)?;
     module.add("VERSION", env!("CARGO_PKG_VERSION"))?;
-    module.add_class::<attachment::Attachment>()?;
+    module.add_class::<attachment::LiveAttachment>()?;
     module.add_class::<pen::PenHandle>()?;
     module.add_class::<pen::GatewayHandle>()?;
     module.add_class::<dead_man::DeadManHandle>()?;

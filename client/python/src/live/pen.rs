@@ -5,13 +5,13 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use foretrace_client::{
-    Claimant, DaemonChange, FeedError, Foretrace, GatewayFeed, HolderKind, Instance, Lasting, PenFeed, PenReading, ServiceError,
-    monotonic_now_ns,
+    Claimant, DaemonChange, FeedError, Foretrace, GatewayFeed, HolderKind, Instance, Lasting, PenFeed,
+    PenReading, ServiceError, monotonic_now_ns,
 };
 use pyo3::prelude::*;
 
 use super::failure::{FailureKind, LiveFailure};
-use super::worker::{Closing, Worker, locked, same_process, seconds};
+use super::worker::{Closing, HandleWorker, locked, same_process, seconds};
 
 /// Every call on a handle, without what it waits for.
 pub const PATIENCE: Duration = Duration::from_secs(6);
@@ -67,9 +67,9 @@ fn send_all(
 }
 
 /// What sending came to: how many were sent, how many of them were heard, and the exception that ended it.
-type Outcome = (u64, u64, Option<Py<PyAny>>);
+type SendOutcome = (u64, u64, Option<Py<PyAny>>);
 
-fn outcome(py: Python<'_>, result: (u64, u64, Option<LiveFailure>)) -> Outcome {
+fn outcome(py: Python<'_>, result: (u64, u64, Option<LiveFailure>)) -> SendOutcome {
     let (sent, heard, failure) = result;
     (sent, heard, failure.map(|failure| PyErr::from(failure).into_value(py).into_any()))
 }
@@ -97,7 +97,7 @@ impl LastingPen {
 /// Feeds the pen of an instance from any Python thread.
 #[pyclass(frozen, module = "foretrace._native")]
 pub struct PenHandle {
-    worker: Arc<Worker<LastingPen>>,
+    worker: Arc<HandleWorker<LastingPen>>,
 }
 
 fn claimant(name: Option<&str>) -> Claimant {
@@ -106,7 +106,10 @@ fn claimant(name: Option<&str>) -> Claimant {
 
 fn handed_over(feed: &mut PenFeed) -> LiveFailure {
     let who = feed.handed_to().map_or_else(|| "another program".to_owned(), ToString::to_string);
-    LiveFailure::new(FailureKind::Taken, format!("the pen was handed to {who}, which asked for it: end this one"))
+    LiveFailure::new(
+        FailureKind::Taken,
+        format!("the pen was handed to {who}, which asked for it: end this one"),
+    )
 }
 
 impl PenHandle {
@@ -134,13 +137,13 @@ impl PenHandle {
             }
         };
         let opening = PATIENCE + patience.unwrap_or_default();
-        Ok(Self { worker: Worker::start(py, "the pen", LOOK, opening, open, idle)? })
+        Ok(Self { worker: HandleWorker::start(py, "the pen", LOOK, opening, open, idle)? })
     }
 }
 
 #[pymethods]
 impl PenHandle {
-    fn send(&self, py: Python<'_>, samples: Vec<GivenSample>) -> PyResult<Outcome> {
+    fn send(&self, py: Python<'_>, samples: Vec<GivenSample>) -> PyResult<SendOutcome> {
         let readings = readings(samples);
         let job = move |pen: &mut LastingPen| {
             let error = pen.look();
@@ -148,7 +151,8 @@ impl PenHandle {
             let Some(feed) = &mut pen.handle else {
                 let failure = error.map_or_else(
                     || {
-                        let text = "the pen has no daemon: a new one is there, but gave no place yet; send again";
+                        let text =
+                            "the pen has no daemon: a new one is there, but gave no place yet; send again";
                         LiveFailure::new(FailureKind::NoDaemon, text)
                     },
                     |error: ServiceError| error.into(),
@@ -191,7 +195,7 @@ impl GatewayHandle {
         Ok(Self { feed: Mutex::new(Some(feed)), pid: std::process::id() })
     }
 
-    fn send(&self, py: Python<'_>, samples: Vec<GivenSample>) -> PyResult<Outcome> {
+    fn send(&self, py: Python<'_>, samples: Vec<GivenSample>) -> PyResult<SendOutcome> {
         same_process(self.pid, "the gateway")?;
         let readings = readings(samples);
         let result = py.detach(|| {

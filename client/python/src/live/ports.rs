@@ -14,15 +14,15 @@ use pyo3::types::PyBytes;
 use super::arm_loop::open_ports;
 use super::failure::{FailureKind, LiveFailure};
 use super::pen::PATIENCE;
-use super::worker::{Closing, Worker};
+use super::worker::{Closing, HandleWorker};
 
 /// Between two looks for a new daemon.
 const LOOK: Duration = Duration::from_millis(250);
 
-/// Newest command in, joint states out.
+/// NewestStatus command in, joint states out.
 #[pyclass(frozen, module = "foretrace._native")]
 pub struct ArmPortsHandle {
-    worker: Arc<Worker<Lasting<(Commands, JointStates)>>>,
+    worker: Arc<HandleWorker<Lasting<(Commands, JointStates)>>>,
 }
 
 fn bytes_of(message: &impl Wire) -> Vec<u8> {
@@ -50,7 +50,7 @@ impl ArmPortsHandle {
             // An error is no end: the next look tries again.
             let _ = ports.look(open_ports);
         };
-        Ok(Self { worker: Worker::start(py, "the arm's messages", LOOK, PATIENCE, open, idle)? })
+        Ok(Self { worker: HandleWorker::start(py, "the arm's messages", LOOK, PATIENCE, open, idle)? })
     }
 }
 
@@ -71,7 +71,10 @@ impl ArmPortsHandle {
         let state: JointState = read("joint state", state)?;
         let job = move |ports: &mut Lasting<(Commands, JointStates)>| match &mut ports.handle {
             Some((_, states)) => Ok(states.publish(stamp_ns, state)?),
-            None => Err(LiveFailure::new(FailureKind::NoDaemon, "no daemon hears the arm: start one, or wait for it")),
+            None => Err(LiveFailure::new(
+                FailureKind::NoDaemon,
+                "no daemon hears the arm: start one, or wait for it",
+            )),
         };
         Ok(self.worker.call(py, PATIENCE, job)??)
     }
@@ -87,12 +90,15 @@ impl ArmPortsHandle {
 pub fn demand(command: &[u8], now_ns: u64) -> PyResult<Option<([f64; JOINTS], [f64; JOINTS])>> {
     let command: JointCommand = read("command", command)?;
     if command.flags & command_flags::ENABLED != 0 && command.header.boot_id != host_boot_id() {
-        let text = "the command is of before this machine's last start, or of another machine: read a new one";
+        let text =
+            "the command is of before this machine's last start, or of another machine: read a new one";
         return Err(LiveFailure::invalid(text).into());
     }
     match demand_at(&command, now_ns) {
         Demand::Follow { q, qd } if q.iter().chain(&qd).all(|number| number.is_finite()) => Ok(Some((q, qd))),
-        Demand::Follow { .. } => Err(LiveFailure::invalid("the command holds a number that is not finite").into()),
+        Demand::Follow { .. } => {
+            Err(LiveFailure::invalid("the command holds a number that is not finite").into())
+        }
         Demand::Brake => Ok(None),
     }
 }

@@ -10,16 +10,16 @@ use pyo3::types::PyBytes;
 
 use super::failure::{FailureKind, LiveFailure};
 use super::pen::PATIENCE;
-use super::worker::{Closing, Worker, locked, same_process, seconds};
+use super::worker::{Closing, HandleWorker, locked, same_process, seconds};
 
 /// A status comes ten times per second and on every change.
 const COLLECT: Duration = Duration::from_millis(5);
 
-type Newest = Arc<(Mutex<Option<Status>>, Condvar)>;
+type NewestStatus = Arc<(Mutex<Option<Status>>, Condvar)>;
 
 struct StatusCollector {
     reader: Lasting<StatusReader>,
-    newest: Newest,
+    newest: NewestStatus,
 }
 
 impl StatusCollector {
@@ -36,22 +36,23 @@ impl StatusCollector {
 /// The status of an instance, also over restarts of its daemon.
 #[pyclass(frozen, module = "foretrace._native")]
 pub struct StatusHandle {
-    worker: Arc<Worker<StatusCollector>>,
-    newest: Newest,
+    worker: Arc<HandleWorker<StatusCollector>>,
+    newest: NewestStatus,
     instance: Instance,
     pid: u32,
 }
 
 impl StatusHandle {
     pub fn open(py: Python<'_>, instance: Instance) -> PyResult<Self> {
-        let newest = Newest::default();
+        let newest = NewestStatus::default();
         let (shared, there) = (newest.clone(), instance.clone());
         let open = move || -> Result<StatusCollector, LiveFailure> {
             let foretrace = Foretrace::attach_within(&there, Duration::ZERO)?;
             let reader = foretrace.status()?;
             Ok(StatusCollector { reader: Lasting::new(foretrace, reader), newest: shared })
         };
-        let worker = Worker::start(py, "the status", COLLECT, PATIENCE, open, StatusCollector::collect)?;
+        let worker =
+            HandleWorker::start(py, "the status", COLLECT, PATIENCE, open, StatusCollector::collect)?;
         Ok(Self { worker, newest, instance, pid: std::process::id() })
     }
 }

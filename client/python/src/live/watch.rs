@@ -5,15 +5,15 @@ use std::time::{Duration, Instant};
 
 use foretrace_client::wire::{Message, Wire};
 use foretrace_client::{
-    Commands, Foretrace, Instance, JointCommand, JointState, JointWatch, Lasting, PenSample, PenWatch, ServiceError,
-    Telemetry, TickRecord,
+    Commands, Foretrace, Instance, JointCommand, JointState, JointWatch, Lasting, PenSample, PenWatch,
+    ServiceError, Telemetry, TickRecord,
 };
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
 use super::failure::LiveFailure;
 use super::pen::PATIENCE;
-use super::worker::{Closing, Worker, locked, seconds};
+use super::worker::{Closing, HandleWorker, locked, seconds};
 
 /// The middleware keeps 256 messages: at 8000 Hz they last 32 ms.
 const COLLECT: Duration = Duration::from_millis(5);
@@ -21,7 +21,7 @@ const COLLECT: Duration = Duration::from_millis(5);
 const ROOM: usize = 8 << 20;
 
 /// Where messages come from.
-enum Source {
+enum WatchSource {
     Ticks(Telemetry),
     Pen(PenWatch),
     Joints(JointWatch),
@@ -51,12 +51,12 @@ impl SourceKind {
         })
     }
 
-    fn open(self, foretrace: &Foretrace) -> Result<Source, ServiceError> {
+    fn open(self, foretrace: &Foretrace) -> Result<WatchSource, ServiceError> {
         Ok(match self {
-            Self::Ticks => Source::Ticks(foretrace.telemetry()?),
-            Self::Pen => Source::Pen(foretrace.pen_watch()?),
-            Self::Joints => Source::Joints(foretrace.joint_watch()?),
-            Self::Commands => Source::Commands(foretrace.commands(Commands::MAX_BUFFER)?),
+            Self::Ticks => WatchSource::Ticks(foretrace.telemetry()?),
+            Self::Pen => WatchSource::Pen(foretrace.pen_watch()?),
+            Self::Joints => WatchSource::Joints(foretrace.joint_watch()?),
+            Self::Commands => WatchSource::Commands(foretrace.commands(Commands::MAX_BUFFER)?),
         })
     }
 
@@ -75,7 +75,7 @@ fn put<T: Message + Wire>(bytes: &mut Vec<u8>) -> impl FnMut(&T) {
     |message| message.put(bytes)
 }
 
-impl Source {
+impl WatchSource {
     fn drain(&mut self, bytes: &mut Vec<u8>) {
         match self {
             Self::Ticks(watch) => watch.drain(put(bytes)),
@@ -110,7 +110,7 @@ struct Basket {
 type SharedBasket = Arc<(Mutex<Basket>, Condvar)>;
 
 struct Collector {
-    source: Lasting<Source>,
+    source: Lasting<WatchSource>,
     kind: SourceKind,
     basket: SharedBasket,
 }
@@ -151,7 +151,7 @@ impl Collector {
 /// Every message of a kind from now on.
 #[pyclass(frozen, module = "foretrace._native")]
 pub struct WatchHandle {
-    worker: Arc<Worker<Collector>>,
+    worker: Arc<HandleWorker<Collector>>,
     basket: SharedBasket,
     size: usize,
 }
@@ -166,7 +166,7 @@ impl WatchHandle {
             let source = kind.open(&foretrace)?;
             Ok(Collector { source: Lasting::new(foretrace, source), kind, basket: shared })
         };
-        let worker = Worker::start(py, "the watch", COLLECT, PATIENCE, open, Collector::collect)?;
+        let worker = HandleWorker::start(py, "the watch", COLLECT, PATIENCE, open, Collector::collect)?;
         Ok(Self { worker, basket, size: kind.size() })
     }
 }

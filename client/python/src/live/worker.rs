@@ -11,7 +11,7 @@ use pyo3::prelude::*;
 
 use super::failure::{FailureKind, LiveFailure};
 
-type Job<H> = Box<dyn FnOnce(&mut H) + Send>;
+type HandleJob<H> = Box<dyn FnOnce(&mut H) + Send>;
 
 /// Calls that wait for one worker at most.
 const QUEUE: usize = 64;
@@ -20,10 +20,10 @@ const LOOK: Duration = Duration::from_millis(100);
 /// How long a worker may take to end; one that takes longer is left alone.
 const ENDING: Duration = Duration::from_secs(2);
 
-pub struct Worker<H> {
+pub struct HandleWorker<H> {
     name: &'static str,
     pid: u32,
-    jobs: Mutex<Option<SyncSender<Job<H>>>>,
+    jobs: Mutex<Option<SyncSender<HandleJob<H>>>>,
     /// Never sends; disconnected when the thread is over.
     over: Mutex<Receiver<()>>,
 }
@@ -89,13 +89,14 @@ pub fn receive<T: Send>(
         }
         py.check_signals()?;
         if Instant::now() >= deadline {
-            let text = format!("{name}: no answer within {:.1} s: see `foretrace doctor`", patience.as_secs_f64());
+            let text =
+                format!("{name}: no answer within {:.1} s: see `foretrace doctor`", patience.as_secs_f64());
             return Err(LiveFailure::new(FailureKind::NoAnswer, text).into());
         }
     }
 }
 
-impl<H: 'static> Worker<H> {
+impl<H: 'static> HandleWorker<H> {
     /// Starts a thread that opens a handle and keeps it; `idle` is called every `pause` between calls.
     pub fn start(
         py: Python<'_>,
@@ -105,7 +106,7 @@ impl<H: 'static> Worker<H> {
         open: impl FnOnce() -> Result<H, LiveFailure> + Send + 'static,
         idle: impl Fn(&mut H) + Send + 'static,
     ) -> PyResult<Arc<Self>> {
-        let (jobs, queue) = mpsc::sync_channel::<Job<H>>(QUEUE);
+        let (jobs, queue) = mpsc::sync_channel::<HandleJob<H>>(QUEUE);
         let (opened, opening) = mpsc::sync_channel(1);
         let (alive, over) = mpsc::sync_channel::<()>(1);
         let work = move || {
@@ -138,7 +139,10 @@ impl<H: 'static> Worker<H> {
             .name(format!("foretrace-{}", name.split(' ').next_back().unwrap_or(name)))
             .spawn(work)
             .map_err(|error| {
-                LiveFailure::new(FailureKind::Other, format!("{name}: starting a thread: {error}: free some memory"))
+                LiveFailure::new(
+                    FailureKind::Other,
+                    format!("{name}: starting a thread: {error}: free some memory"),
+                )
             })?;
         receive(py, opening, patience, name)??;
         let worker = Arc::new(Self {
@@ -161,7 +165,7 @@ impl<H: 'static> Worker<H> {
     ) -> PyResult<R> {
         same_process(self.pid, self.name)?;
         let (answer, answered) = mpsc::sync_channel(1);
-        let job: Job<H> = Box::new(move |handle| {
+        let job: HandleJob<H> = Box::new(move |handle| {
             // The caller may have given up.
             let _ = answer.send(job(handle));
         });
@@ -179,7 +183,7 @@ impl<H: 'static> Worker<H> {
     }
 }
 
-impl<H: 'static> Closing for Worker<H> {
+impl<H: 'static> Closing for HandleWorker<H> {
     fn close(&self) {
         if locked(&self.jobs).take().is_some() && self.pid == std::process::id() {
             let _ = locked(&self.over).recv_timeout(ENDING);
