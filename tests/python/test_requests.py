@@ -58,6 +58,8 @@ class Requests(World):
             self.assertEqual(ft.trust(0.25).mode, ft.query().mode)
             ft.trust("freeze")
             ft.trust("auto")
+            settings = ft.settings()
+            self.assertIn("joint_state_timeout_ms = 500", settings.text)
             ft.reload()
             stopped = ft.stop()
             self.assertEqual(stopped.mode, Mode.STOPPED)

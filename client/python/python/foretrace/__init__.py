@@ -3,7 +3,7 @@
 from ._native import Invalid, NoAnswer, NoDaemon, OtherVersion, Problem, Refused, Taken
 from .arm import ArmInterface, ArmPorts, Target, demand_at
 from .handles import DeadMan, Gateway, Pen, Records, StatusWatch, gateway
-from .live import Answer, Foretrace, JointsAt, Stopped, attach, now_ns, stop
+from .live import Answer, Foretrace, JointsAt, Settings, Stopped, attach, now_ns, stop
 from .pace import Pace
 
 __all__ = [
@@ -23,6 +23,7 @@ __all__ = [
     "Problem",
     "Records",
     "Refused",
+    "Settings",
     "StatusWatch",
     "Stopped",
     "Taken",

@@ -53,6 +53,15 @@ class Stopped(NamedTuple):
     trust: float | None
 
 
+class Settings(NamedTuple):
+    """The settings of a running daemon."""
+
+    #: How often they were changed since its start.
+    revision: int
+    #: As TOML.
+    text: str
+
+
 class JointsAt(NamedTuple):
     """Measured joints at an instant."""
 
@@ -169,6 +178,10 @@ class Foretrace(Closable):
         self._asked_ns = now_ns()
         _, detail, value, text = parts
         return Answer(detail, value, text)
+
+    def settings(self, *, timeout: float = 3.0) -> Settings:
+        """The settings in force. Raises `Taken` where two others record, which use the places that this needs."""
+        return Settings(*self._native.settings(timeout))
 
     # Watching.
 

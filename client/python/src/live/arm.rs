@@ -19,7 +19,7 @@ const QUEUE: usize = 64;
 /// A measurement that is older is of another clock \[ns\].
 const OLDEST_NS: u64 = 1_000_000_000;
 
-/// GivenJoints as Python gives them.
+/// Joints as Python gives them.
 type GivenJoints = [f64; JOINTS];
 /// State, whether to move, q \[rad\], qd \[rad/s\], instant \[ns\], tick, mode and flags of the command.
 type TargetParts = (&'static str, bool, Option<GivenJoints>, Option<GivenJoints>, u64, u64, u32, u32);

@@ -1,4 +1,5 @@
-//! `LiveAttachment`: an instance and its daemon; makes the handles, asks, and stops what it has set in motion.
+//! `Attachment` of the package: an instance and its daemon; makes the handles, asks, and stops what it has
+//! set in motion.
 
 use std::mem::ManuallyDrop;
 use std::path::PathBuf;
@@ -222,6 +223,10 @@ impl LiveAttachment {
         simulated: bool,
     ) -> PyResult<ArmHandle> {
         self.open(|instance| ArmHandle::open(py, instance, rate_hz, deceleration, pause_after_s, simulated))
+    }
+
+    fn settings(&self, py: Python<'_>, timeout_s: f64) -> PyResult<(u64, String)> {
+        self.open(|instance| super::settings::settings(py, instance, timeout_s))
     }
 
     fn arm_ports(&self, py: Python<'_>) -> PyResult<ArmPortsHandle> {

@@ -22,8 +22,8 @@ struct StateHistory {
     states: VecDeque<JointState>,
 }
 
-/// GivenJoints at an instant: positions \[rad\], velocities \[rad/s\], and the distance in time of the two states
-/// around it \[ns\].
+/// Joints at an instant: positions \[rad\], velocities \[rad/s\], and the time between the two states around
+/// it \[ns\].
 type JointsAt = (Vec<f64>, Vec<f64>, u64);
 
 impl StateHistory {

@@ -1,9 +1,9 @@
 //! A running daemon: feed its pen, be its arm, watch it, ask it.
 //!
-//! Contract: the border to Python carries numbers, texts and the bytes of messages; `python/foretrace/live.py`
-//! makes records and arrays of them. Handles of the middleware live in threads of ours (`worker`, `arm_loop`),
-//! which never touch the interpreter; every wait releases its lock and is bounded. What is open at the
-//! interpreter's end is closed before it, and an arm that was set in motion is stopped.
+//! Contract: the border to Python carries numbers, texts and the bytes of messages; `python/foretrace/`
+//! makes records and arrays of them. Handles of the middleware live in threads of ours (`worker`,
+//! `arm_loop`), which never touch the interpreter; every wait releases its lock and is bounded. What is open
+//! at the interpreter's end is closed before it, and an arm that was set in motion is stopped.
 
 mod failure;
 mod worker;
@@ -15,6 +15,7 @@ mod history;
 mod arm_loop;
 mod arm;
 mod ports;
+mod settings;
 mod attachment;
 
 use pyo3::prelude::*;

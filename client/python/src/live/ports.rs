@@ -19,7 +19,7 @@ use super::worker::{Closing, HandleWorker};
 /// Between two looks for a new daemon.
 const LOOK: Duration = Duration::from_millis(250);
 
-/// NewestStatus command in, joint states out.
+/// Newest command in, joint states out.
 #[pyclass(frozen, module = "foretrace._native")]
 pub struct ArmPortsHandle {
     worker: Arc<HandleWorker<Lasting<(Commands, JointStates)>>>,
