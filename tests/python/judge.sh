@@ -80,13 +80,14 @@ for python in "${pythons[@]}"; do
 done
 judge "without-numpy" "${pythons[-1]}" -- discover "$@"
 if [[ $# == 0 ]]; then
+  judge zenoh "${pythons[0]}" eclipse-zenoh==1.10.2 tomli -- test_zenoh
   # Their wheels are for some Pythons only.
   for python in "${pythons[@]}"; do
     [[ $("$python" -c 'import sys; print(sys.version_info[1])') == 11 ]] || continue
     judge ur-rtde "$python" numpy ur_rtde==1.6.5 -- test_examples
     judge mujoco "$python" numpy "mujoco>=3.2" -- test_examples
   done
-  judge types "${pythons[-1]}" mypy numpy -- test_messages
+  judge types "${pythons[-1]}" mypy numpy tomli -- test_messages
   if [[ -x $scratch/types/bin/mypy ]]; then
     "$scratch/types/bin/mypy" --strict --python-version 3.10 -p foretrace || broken=$((broken + 1))
   fi

@@ -27,10 +27,7 @@ class Enumeration(enum.IntEnum):
     @classmethod
     def words(cls, number: int) -> str:
         """The label of a number, also of one that this version does not know."""
-        try:
-            return cls(number).label
-        except ValueError:
-            return f"unknown ({number})"
+        return next((member.label for member in cls if member == number), f"unknown ({number})")
 
 
 class Record(ctypes.LittleEndianStructure):
@@ -65,7 +62,7 @@ class Record(ctypes.LittleEndianStructure):
         return numpy.dtype(cls)
 
     def __eq__(self, other: object) -> bool:
-        return type(self) is type(other) and bytes(self) == bytes(other)  # type: ignore[call-overload]
+        return type(self) is type(other) and bytes(self) == bytes(other)
 
     __hash__ = None  # type: ignore[assignment]
 

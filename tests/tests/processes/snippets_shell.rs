@@ -11,8 +11,8 @@ use std::process::Command;
 use crate::snippets::{blocks_of, documents};
 
 /// What a line may begin with besides cargo, python3 and scripts of the repository.
-const PROGRAMS: [&str; 9] =
-    ["foretrace", "sudo", "cyclictest", "xacro", "mdbook", "docker", "nice", "ssh", "adb"];
+const PROGRAMS: [&str; 10] =
+    ["foretrace", "sudo", "cyclictest", "xacro", "mdbook", "docker", "nice", "ssh", "adb", "pip"];
 
 /// The crates of the workspace: their folder, and their targets by kind.
 fn packages() -> BTreeMap<String, (PathBuf, BTreeSet<(String, String)>)> {
@@ -141,6 +141,10 @@ fn wrong_with(command: &str) -> Option<String> {
     match words.as_slice() {
         [] => None,
         ["cargo", rest @ ..] => wrong_with_cargo(rest),
+        ["python3", "-m", module, ..] => {
+            let path = format!("client/python/python/{}.py", module.replace('.', "/"));
+            (!root.join(&path).is_file()).then(|| format!("there is no {path}"))
+        }
         ["python3", script, ..] => (!root.join(script).is_file()).then(|| format!("there is no {script}")),
         [script, ..] if [".ci/", "tests/", "client/"].iter().any(|folder| script.starts_with(folder)) => {
             (!root.join(script).is_file()).then(|| format!("there is no {script}"))
@@ -195,6 +199,7 @@ fn wrong_lines_are_found() {
         "cargo run -p foretrace-client --example nobody",
         "cargo tset",
         "python3 .ci/nobody.py",
+        "python3 -m foretrace.nobody",
         "FORETRACE_X=1 nobody",
     ] {
         assert!(wrong_with(line).is_some(), "{line}");

@@ -126,7 +126,7 @@ class Foretrace(Closable):
     @property
     def root(self) -> str:
         """Directory of the instance."""
-        return os.fspath(self._native.root)
+        return str(self._native.root)
 
     def daemon_is_up(self) -> bool:
         """Whether a daemon runs at this moment."""
