@@ -85,7 +85,7 @@ if [[ $# == 0 ]]; then
   for python in "${pythons[@]}"; do
     [[ $("$python" -c 'import sys; print(sys.version_info[1])') == 11 ]] || continue
     judge ur-rtde "$python" numpy ur_rtde==1.6.5 -- test_examples
-    judge mujoco "$python" numpy "mujoco>=3.2" -- test_examples
+    judge mujoco "$python" numpy mujoco==4.0.0 -- test_examples
   done
   judge types "${pythons[-1]}" mypy numpy tomli -- test_messages
   if [[ -x $scratch/types/bin/mypy ]]; then

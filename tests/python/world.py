@@ -89,13 +89,19 @@ class World(unittest.TestCase):
     def armed(self, ft):
         """Arms as soon as the daemon lets it."""
 
+        refusals = ["nobody asked"]
+
         def arm():
             try:
                 return ft.arm()
-            except foretrace.Refused:
+            except foretrace.Refused as refused:
+                refusals.append(str(refused))
                 return None
 
-        return until("the arm is armed", arm)
+        try:
+            return until("the arm is armed", arm)
+        except AssertionError:
+            raise AssertionError(f"not armed: {refusals[-1]}") from None
 
 
 class Refuses:

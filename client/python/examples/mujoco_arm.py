@@ -17,16 +17,17 @@ STIFFNESS, DAMPING = 1600.0, 80.0  # of a critically damped servo [1/s²], [1/s]
 model = mujoco.MjModel.from_xml_path(sys.argv[1])
 data = mujoco.MjData(model)
 model.opt.timestep = 0.001
+model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT  # the description's shapes touch at its joints
 data.qpos[:] = HOME
 goal, speed = HOME.copy(), np.zeros(6)
-mass = np.zeros((6, 6))
+torque = np.zeros(6)
 with foretrace.attach() as ft, ft.arm_interface(rate_hz=250, simulated=True) as arm:
     for target in arm:
         goal, speed = (np.array(target.q), np.array(target.qd)) if target.move else (goal, np.zeros(6))
         for _ in range(4):
             mujoco.mj_forward(model, data)
-            mujoco.mj_fullM(model, mass, data.qM)
             wanted = STIFFNESS * (goal - data.qpos) + DAMPING * (speed - data.qvel)
-            data.qfrc_applied[:] = mass @ wanted + data.qfrc_bias
+            mujoco.mj_mulM(model, data, torque, wanted)
+            data.qfrc_applied[:] = torque + data.qfrc_bias
             mujoco.mj_step(model, data)
         arm.measured(data.qpos, data.qvel, safety_mode=SafetyMode.NORMAL, robot_mode=RobotMode.RUNNING)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import re
 from typing import Any, Sequence
@@ -40,7 +41,8 @@ def open_session(mode: str, listen: Sequence[str], connect: Sequence[str], *, la
     """A session of zenoh. One that is `lasting` waits for places to connect to, and finds them again; another one fails
     where a place does not answer. Raises `Problem`, also where zenoh is not installed."""
     try:
-        import zenoh
+        # By name: it is an extra, which tools that check types need not find.
+        zenoh = importlib.import_module("zenoh")
     except ImportError:
         raise Problem("zenoh is not installed: `pip install eclipse-zenoh`, or foretrace with the extra `zenoh`") from None
     if not listen and not connect:
