@@ -1,11 +1,12 @@
 """An arm in Python: it follows, brakes when commands end, and stands after a pause."""
 
 import math
+import threading
 import time
 import unittest
 
 import foretrace
-from foretrace.messages import ArmFlags, CommandFlags, Mode, RobotMode, SafetyMode
+from foretrace.messages import ArmFlags, CommandFlags, FaultReason, Mode, RobotMode, SafetyMode
 from world import HOME, Hand, PerfectArm, World, following, until
 
 #: Deceleration of the interface [rad/s²].
@@ -133,6 +134,44 @@ class Arms(World):
             self.assertEqual(arm.interface.counts()["pauses"], 1)
             hand.end()
             arm.end()
+
+    def test_a_pause_of_the_reader_alone_makes_no_jump_either(self):
+        self.daemon()
+        with foretrace.attach() as ft, ft.arm_interface(250, pause_after=0.1, simulated=True) as arm:
+            # One thread measures, and never pauses; another one reads, and does.
+            where = {"q": list(HOME), "qd": [0.0] * 6, "wanted": True}
+
+            def measure():
+                for _ in foretrace.Pace(250):
+                    if not where["wanted"]:
+                        return
+                    arm.measured(where["q"], where["qd"], safety_mode=SafetyMode.NORMAL, robot_mode=RobotMode.RUNNING)
+
+            measuring = threading.Thread(target=measure)
+            measuring.start()
+            hand = Hand(ft)
+            armed = threading.Thread(target=lambda: self.armed(ft))
+            armed.start()
+            told, paused = [], None
+            for target in arm:
+                if target.state == "paused":
+                    paused = target
+                    break
+                if target.move:
+                    where["q"], where["qd"] = target.q, target.qd
+                    told.append(target)
+                    if len(told) > 250 and max(map(abs, target.qd)) > 0.1:
+                        time.sleep(0.3)
+                        # Where a loop of one's own would go on.
+                        self.assertFalse(arm.target().move)
+            self.assertEqual(paused.q, told[-1].q)
+            where["qd"] = [0.0] * 6
+            status = ft.wait_until(lambda status: status.mode == Mode.STOPPED, timeout=10)
+            self.assertEqual(status.fault, FaultReason.TRACKING_ERROR)
+            where["wanted"] = False
+            for thread in (armed, measuring):
+                thread.join()
+            hand.end()
 
     def test_what_the_arm_says_stands_in_the_status(self):
         self.daemon()
