@@ -219,10 +219,10 @@ fn guard<const J: usize>(limits: &LimitsOf) -> PyResult<Box<dyn AnyGuard>> {
 #[pymethods]
 impl LawGuard {
     #[new]
-    fn new(limits: LimitsOf) -> PyResult<Self> {
+    fn new(limits: &LimitsOf) -> PyResult<Self> {
         let count = limits.position.len();
-        let inner = for_joints!(count, J => guard::<J>(&limits)).ok_or_else(|| too_many(count))??;
-        Ok(Self { inner: Mutex::new(inner), limits })
+        let inner = for_joints!(count, J => guard::<J>(limits)).ok_or_else(|| too_many(count))??;
+        Ok(Self { inner: Mutex::new(inner), limits: limits.clone() })
     }
 
     #[getter]
