@@ -26,7 +26,7 @@ class Page(Scratch):
             with self.subTest(block=block.splitlines()[0]):
                 done = subprocess.run(
                     [sys.executable, "-W", "error", "-c", block], cwd=self.folder, env={**os.environ, "PATH": path},
-                    capture_output=True, text=True, timeout=300,
+                    capture_output=True, text=True, timeout=60,
                 )
                 self.assertEqual(done.returncode, 0, done.stderr)
                 self.assertTrue(done.stdout.strip())

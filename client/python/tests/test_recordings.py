@@ -4,11 +4,13 @@ import csv
 import json
 import os
 import signal
+import struct
 import subprocess
 import sys
 import threading
 import time
 import unittest
+import warnings
 
 import foretrace
 from support import Scratch, kept, needs_numpy, numpy, recording, run
@@ -43,12 +45,19 @@ class Read(Scratch):
             compared = 0
             for at, name in enumerate(header[1:], 1):
                 field, _, rest = name.split(" ")[0].partition("[")
-                if field not in found.columns or field == "stage_ns":
+                if field == "stage_ns":
+                    # Its entries have names there.
                     continue
+                if rest and not rest.endswith("]"):
+                    field, rest = name.split(" ")[0], ""
                 index = int(rest.rstrip("]")) if rest else None
                 for value, row in zip(found.column(field), rows):
                     value = value if index is None else value[index]
-                    self.assertEqual(value, type(value)(row[at]), f"{topic} {name}")
+                    told = type(value)(row[at])
+                    if value != told:
+                        # Of numbers with 32 bits there are as many digits as those need.
+                        self.assertEqual(struct.pack("<f", value), struct.pack("<f", told), f"{topic} {name}")
+                        self.assertEqual(struct.unpack("<f", struct.pack("<f", value))[0], value)
                     compared += 1
             self.assertGreater(compared, 20 * len(rows))
 
@@ -142,8 +151,9 @@ class Refused(Scratch):
         with open(recording(), "rb") as file:
             data = file.read()
         whole = foretrace.read(recording())
-        cut = foretrace.read(self.write("cut.mcap", data[: len(data) // 2]))
-        self.assertIn("ends" if "ends" in cut.info["damage"] else "byte", cut.info["damage"])
+        path = self.write("cut.mcap", data[: len(data) // 2])
+        with self.assertWarnsRegex(foretrace.recordings.RecordingRemark, "ends early, .*--repair"):
+            cut = foretrace.read(path)
         ticks = cut.topic("/raw/tick").column("tick")
         self.assertEqual(ticks, whole.topic("/raw/tick").column("tick")[: len(ticks)])
         self.assertGreater(len(ticks), 100)
@@ -161,7 +171,9 @@ class Refused(Scratch):
                 broken[state % len(broken)] = (state >> 8) % 256
             path = self.write(f"{case}.mcap", bytes(broken))
             try:
-                found = foretrace.read(path)
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore")
+                    found = foretrace.read(path)
                 for topic in found.info["topics"]:
                     found.topic(topic)
                 found.stops, found.pieces, found.pen
@@ -189,10 +201,10 @@ class Replay(unittest.TestCase):
         found = foretrace.replay(recording())
         said = run("replay", recording())
         told = json.loads(run("replay", recording(), "--json", "-"))
-        self.assertTrue(found.same and found.same_build, found)
+        self.assertTrue(found.same, found)
         self.assertIn(f"{recording()}: {found.summary}\n{found.verdict}\n", said)
         for key, value in told.items():
-            if key not in ("end", "difference"):
+            if key not in ("end", "difference", "same_build"):
                 self.assertEqual(getattr(found, key), value, key)
         self.assertEqual((found.end, found.difference), (told["end"], None))
 
@@ -227,7 +239,7 @@ class Replay(unittest.TestCase):
 
 class Waits(unittest.TestCase):
     def test_other_threads_go_on_while_a_replay_runs(self):
-        steps, ends = [], threading.Event()
+        path, steps, ends = recording(), [], threading.Event()
 
         def count():
             while not ends.is_set():
@@ -237,10 +249,12 @@ class Waits(unittest.TestCase):
         thread = threading.Thread(target=count)
         thread.start()
         begin = time.monotonic()
-        foretrace.replay(recording())
-        end = time.monotonic()
-        ends.set()
-        thread.join()
+        try:
+            foretrace.replay(path)
+        finally:
+            end = time.monotonic()
+            ends.set()
+            thread.join()
         during = [t for t in steps if begin <= t <= end]
         self.assertGreater(len(during), (end - begin) / 0.05, "the lock was held")
 

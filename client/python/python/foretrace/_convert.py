@@ -10,6 +10,7 @@ import json
 import os
 import re
 import shutil
+import tempfile
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass, field
 from typing import Any, Iterable, Iterator, Mapping, NamedTuple, Sequence, Union
@@ -61,17 +62,19 @@ class Target:
         self.final = os.fspath(folder)
         if os.path.lexists(self.final):
             raise Problem(f"{self.final} exists already; give a new name, or remove it")
-        self.part = self.final.rstrip("/") + ".partial"
+        self.part = ""
         self.unit, self.strict = time_unit, strict
         self.done = Converted(self.final)
         self.rows: list[tuple[str, str, str]] = []
 
     def __enter__(self) -> "Target":
+        above, name = os.path.split(os.path.abspath(self.final))
         try:
-            shutil.rmtree(self.part, ignore_errors=True)
-            os.makedirs(self.part)
+            os.makedirs(above, exist_ok=True)
+            self.part = tempfile.mkdtemp(prefix=f".{name}-", dir=above)
+            os.chmod(self.part, 0o755)
         except OSError as error:
-            raise Problem(f"cannot write {self.part}: {error.strerror}") from None
+            raise Problem(f"cannot write {self.final}: {error.strerror}") from None
         return self
 
     def leave_out(self, why: str) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Mapping as AbstractMapping
 from dataclasses import dataclass
 from typing import Any, Iterator, Mapping, Sequence, Union
@@ -13,11 +14,15 @@ from ._native import Invalid, Problem
 from ._settings import flat, toml_value
 
 __all__ = [
-    "Arm", "Difference", "Message", "Moment", "Piece", "Recording", "Replay", "Score", "Stop", "Topic", "WhatIf",
-    "read", "replay",
+    "Arm", "Difference", "Message", "Moment", "Piece", "Recording", "RecordingRemark", "Replay", "Score", "Stop",
+    "Topic", "WhatIf", "read", "replay",
 ]
 
 WIRE = "foretrace.wire"
+
+
+class RecordingRemark(UserWarning):
+    """A recording that ends early, or holds what is not read."""
 
 
 @dataclass(frozen=True)
@@ -159,8 +164,19 @@ class Recording(AbstractMapping):
         """What `foretrace record --info` tells: `begin`, `end` (facts of the recorder), `topics` (messages
         by name), `foreign` (topics of another layout), `seconds`, `ticks` (first, last), `missing_ticks`,
         `states`, `daemons`, `laws` (builds by daemon), `damage` (why it ends early), `passed_over`."""
+        for words in self._remarks():
+            warnings.warn(words, RecordingRemark, stacklevel=3)
         self._topics: dict[str, Topic] = {}
         self._kept: dict[str, Any] = {}
+
+    def _remarks(self) -> Iterator[str]:
+        if self.info["damage"] is not None:
+            yield (
+                f"{self.path} ends early, {self.info['damage']}; the result is of what comes before; "
+                f"`foretrace record --repair {self.path}` makes a whole file of that"
+            )
+        if self.info["passed_over"] is not None:
+            yield f"{self.path}: passed over: {self.info['passed_over']}"
 
     def topic(self, name: str, every: int = 1) -> Topic:
         """Every `every`-th message of a topic.
@@ -249,7 +265,8 @@ def read(path: Union[str, "os.PathLike[str]"]) -> Recording:
     `recording["/raw/tick"]` is a structured numpy array with one row per tick and the recording's own names;
     `recording.settings`, `.info`, `.stops`, `.pen` are plain data. Recordings of other versions are read by
     the layouts that they name. Raises `Problem` with what is wrong with the file, `OtherVersion` where words
-    (stops, moments) need tick records of this version.
+    (stops, moments) need tick records of this version. A file that ends early gives what comes before, with a
+    warning (`RecordingRemark`).
     """
     return Recording(path)
 
