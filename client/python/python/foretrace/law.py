@@ -78,7 +78,8 @@ class Follower:
 
     `settings`: a preset (`ur5`), the path of a TOML file, or a dict (`{"preset": "ur5", "predictor.kind":
     "dybm"}`); `changes` go over them. With `learn` the learner of the settings runs in step: what it
-    promotes in a tick the next tick uses.
+    promotes in a tick the next tick uses. A step needs 256 KiB of stack, which threads have unless
+    `threading.stack_size` says otherwise; one follower belongs to one thread at a time.
 
     Raises `Invalid` with all that is wrong with the settings.
     """
