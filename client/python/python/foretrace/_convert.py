@@ -248,10 +248,11 @@ def _iam_traces(document: ElementTree.Element, path: str) -> Iterator[Trace]:
     if not strokes:
         raise Refused(f"{path}: no strokes (StrokeSet/Stroke)")
     for at, stroke in enumerate(strokes):
-        points = []
+        points: list[tuple[str, str, str]] = []
         for point in stroke.findall("Point"):
             what = f"{path}: stroke {at}, point {len(points)}"
-            points.append(tuple(number(point.get(key), f"{what}: {key}") for key in ("x", "y", "time")))
+            x, y, t = (number(point.get(key), f"{what}: {key}") for key in ("x", "y", "time"))
+            points.append((x, y, t))
         if points:
             yield Trace(points)
 
@@ -402,8 +403,9 @@ def _drawing(line: bytes, where: str) -> Ink:
             raise Refused(f"{what}: legal: three lists, x, y and time")
         if len({len(axis) for axis in stroke}) != 1:
             raise Refused(f"{what}: lists of {[len(axis) for axis in stroke]} numbers; legal: of one length")
-        names = ("x", "y", "time")
-        points = [tuple(number(v, f"{what}: {n}") for v, n in zip(point, names)) for point in zip(*stroke)]
+        points = [
+            (number(x, f"{what}: x"), number(y, f"{what}: y"), number(t, f"{what}: time")) for x, y, t in zip(*stroke)
+        ]
         if points:
             traces.append(Trace(points))
     if not traces:

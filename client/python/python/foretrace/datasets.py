@@ -55,7 +55,8 @@ class Sequence:
     """A character, word or path of one hand. Facts are read at once, samples when they are asked for."""
 
     def __init__(self, of: Any, number: int):
-        self._of, self._number, self._kept = of, number, None
+        self._of, self._number = of, number
+        self._kept: dict[str, Any] | None = None
         about = of.about(number)
         self.label: str = about["label"]
         """What was written; empty where the file has no label."""

@@ -159,15 +159,16 @@ class Follower:
 
     def plane_from_pen(self, x_m: float, y_m: float) -> tuple[float, float]:
         """A point of the pen device [m] in the writing plane's frame [m]."""
-        return tuple(self._law.plane_from_pen(x_m, y_m))
+        x, y = self._law.plane_from_pen(x_m, y_m)
+        return x, y
 
     def base_from_plane(self, point_m: Sequence[float]) -> tuple[float, float, float]:
         """A point of the plane's frame (x, y, height) in the base link's frame [m]."""
-        return tuple(self._law.base_from_plane(_triple("point_m", point_m)))
+        return _triple("point_m", self._law.base_from_plane(_triple("point_m", point_m)))
 
     def plane_from_base(self, point_m: Sequence[float]) -> tuple[float, float, float]:
         """A point of the base link's frame in the plane's (x, y, height) [m]."""
-        return tuple(self._law.plane_from_base(_triple("point_m", point_m)))
+        return _triple("point_m", self._law.plane_from_base(_triple("point_m", point_m)))
 
 
 def _request(request: Any) -> Any:
@@ -320,7 +321,8 @@ class Chain:
         tool_m: Sequence[float] = (0.0, 0.0, 0.0),
     ):
         is_text = isinstance(urdf, str) and "<" in urdf
-        text, path = (urdf, None) if is_text else (None, os.fspath(urdf))
+        text = str(urdf) if is_text else None
+        path = None if is_text else os.fspath(urdf)
         self._take(_native.ChainOf(text, path, base, tip, _triple("tool_m", tool_m)))
 
     def _take(self, native: Any) -> None:
@@ -369,13 +371,13 @@ class Chain:
         unit vector) with any rotation about it, or with `spin` (where its x points). `near` [rad] selects the
         branch. None: not within 1 nm and 10 nrad: out of reach, behind a limit, or too far from `near`.
         """
-        if (rotation is None) == (axis is None):
-            raise Invalid("give either rotation or axis")
-        if rotation is not None:
+        if rotation is not None and axis is None:
             rows = [_triple("rotation", row) for row in rotation]
             if len(rows) != 3 or spin is not None:
                 raise Invalid("rotation has to be 3 rows of 3 numbers, without spin")
             axis, spin = [row[2] for row in rows], [row[0] for row in rows]
+        elif axis is None or rotation is not None:
+            raise Invalid("give either rotation or axis")
         spun = None if spin is None else _triple("spin", spin)
         return self._chain.inverse(_triple("position", position), _triple("axis", axis), spun, _numbers("near", near))
 

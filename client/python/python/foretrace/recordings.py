@@ -104,8 +104,10 @@ class Topic:
                           f"`foretrace record --repair`")
         columns = [("time_ns", "u64", 0, 1)]
         for name, offset, length, kind in fields:
-            number, _, count = kind.partition("*")
-            count = int(count or 1) if number in NUMBERS else length
+            number, _, times = kind.partition("*")
+            if times and not times.isdecimal():
+                number = ""
+            count = int(times or 1) if number in NUMBERS else length
             number = number if number in NUMBERS else "u8"
             if not name or offset < 0 or count < 1 or offset + count * int(NUMBERS[number][0][-1]) > size:
                 raise Problem(f"{path}: the layout of {self.name} is damaged: its field {name[:60]!r} does not "

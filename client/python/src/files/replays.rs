@@ -48,13 +48,12 @@ fn replay(python: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyDict>> {
     ))
 }
 
+/// The name of a variant, and its pairs; without any the name is the command's text.
+type NamedChanges = (String, Option<Vec<(String, String)>>);
+
 /// The hand of the recording in front of other laws: each variant a name, and pairs of keys and TOML values.
 #[pyfunction]
-fn what_if(
-    python: Python<'_>,
-    path: PathBuf,
-    variants: Vec<(String, Option<Vec<(String, String)>>)>,
-) -> PyResult<Bound<'_, PyDict>> {
+fn what_if(python: Python<'_>, path: PathBuf, variants: Vec<NamedChanges>) -> PyResult<Bound<'_, PyDict>> {
     let variants = variants.iter().map(|(name, pairs)| match pairs {
         None => Variant::parse(name),
         Some(pairs) => Ok(Variant::of(name, pairs.iter().map(|(key, value)| (key.as_str(), value.as_str())))),

@@ -59,6 +59,9 @@ impl LoadedSet {
     }
 }
 
+/// Of a file: name, part, rate [Hz], whether the rate is assumed, damage.
+type FileFacts<'a> = (&'a str, Option<&'a str>, f64, bool, Option<&'a str>);
+
 #[pymethods]
 impl LoadedSet {
     #[getter]
@@ -66,9 +69,9 @@ impl LoadedSet {
         &self.set.name
     }
 
-    /// Files in order: name, part, rate [Hz], whether the rate is assumed, damage.
+    /// Its files, in their order.
     #[getter]
-    fn files(&self) -> Vec<(&str, Option<&str>, f64, bool, Option<&str>)> {
+    fn files(&self) -> Vec<FileFacts<'_>> {
         let files = self.set.files.iter();
         files
             .map(|SetFile { file, word, recording }| {
