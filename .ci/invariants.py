@@ -25,7 +25,7 @@ ROOMS = {
         "supervisor", "log",
     ],
     "client/record/src": [
-        "proto", "topics", "scene", "write", "read", "table", "pen", "repair", "info", "figures", "explain", "law", "replay", "modelled",
+        "proto", "topics", "scene", "write", "read", "table", "pen", "repair", "info", "figures", "explain", "law", "replay", "verdict", "modelled",
         "stretch", "score", "what_if", "picture", "page",
     ],
     "client/live/src": ["source", "news", "relay", "recorder", "record_button", "trace", "flight", "last_flight", "stages", "metrics", "foxglove"],

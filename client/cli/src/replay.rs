@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 
 use foretrace_record::picture::draw;
-use foretrace_record::replay::{Difference, ReplayEnd, ReplayError, ReplayOutcome, ReplayStart, replay};
+use foretrace_record::replay::{ReplayError, ReplayOutcome, replay};
+use foretrace_record::verdict::Unequal;
 use foretrace_record::what_if::{Variant, WhatIfError, what_if};
 
 use crate::failure::Failure;
@@ -46,27 +47,7 @@ pub(crate) fn run(args: &ReplayArgs) -> Result<(), Failure> {
         return compare(args);
     }
     let outcome = replay(&args.file).map_err(unreplayed)?;
-    let from = match outcome.start {
-        ReplayStart::FirstTick => "the first tick",
-        ReplayStart::State => "a state",
-    };
-    let end = match &outcome.end {
-        ReplayEnd::OfRecording => "the end of the recording".to_owned(),
-        ReplayEnd::Gap { next } => format!("a gap: tick {next} is the next one there"),
-        ReplayEnd::Incomplete => "a tick whose pen samples are missing".to_owned(),
-        ReplayEnd::NoWeights { version } => {
-            format!("a tick that was offered weights {version}, which are missing")
-        }
-        ReplayEnd::OtherDaemon => "where another daemon took over".to_owned(),
-        ReplayEnd::Damaged { .. } => "where the file is damaged".to_owned(),
-    };
-    say!(
-        "{}: {} ticks ({:.1} s) from tick {}, {from}, to {end}",
-        args.file.display(),
-        outcome.ticks,
-        outcome.seconds,
-        outcome.first_tick
-    );
+    say!("{}: {}", args.file.display(), outcome.summary());
     say_gone(&outcome.gone);
     let verdict = verdict(&outcome).and(undamaged(&args.file, outcome.damage.as_deref()));
     args.json.write(&outcome)?;
@@ -138,31 +119,12 @@ fn unanswered(error: WhatIfError) -> Failure {
 
 /// An error if anything differs, or nothing was compared.
 fn verdict(outcome: &ReplayOutcome) -> Result<(), Failure> {
-    let Some(Difference { tick, field, recorded, replayed }) = &outcome.difference else {
-        // The damage is told instead.
-        if outcome.ticks == 0 && outcome.damage.is_some() {
-            return Ok(());
-        }
-        if outcome.ticks == 0 {
-            return Err(Failure::failed("no tick could be run again", "record for a second at least"));
-        }
-        say!("every command is the same, bit for bit");
-        return Ok(());
-    };
-    let what = format!(
-        "tick {tick} differs first: {field} was {recorded}, is {replayed}; {} of {} ticks differ, joints by up \
-         to {:.3e} rad",
-        outcome.different_ticks, outcome.ticks, outcome.largest_rad
-    );
-    let why = match outcome.same_build {
-        Some(true) => {
-            "the law has the same build: on the same kind of processor this is a fault, please report it with \
-             the recording"
-        }
-        Some(false) => "the daemon's law had another build: replay with the program of that daemon",
-        None => "the build of the daemon's law is unknown: replay with the program of that daemon",
-    };
-    Err(Failure::failed(what, why))
+    match outcome.verdict() {
+        Ok("") => {}
+        Ok(same) => say!("{same}"),
+        Err(Unequal { what, remedy }) => return Err(Failure::failed(what, remedy)),
+    }
+    Ok(())
 }
 
 fn unreplayed(error: ReplayError) -> Failure {

@@ -6,7 +6,7 @@
 //!
 //! Rooms, each of which uses only those before it: `proto`, `topics` (what is in a file), `scene` (what
 //! stands around the pen), `write`, `read`, `table`, `pen`, `repair`, `info`, `figures`, `explain`, `law`,
-//! `replay`, `modelled`, `stretch`, `score`, `what_if`, `picture`, `page` (a run as HTML).
+//! `replay`, `verdict`, `modelled`, `stretch`, `score`, `what_if`, `picture`, `page` (a run as HTML).
 //!
 //! Source: MCAP specification 0 (mcap.dev/spec); Foxglove's schemas.
 
@@ -26,6 +26,7 @@ pub mod figures;
 pub mod explain;
 mod law;
 pub mod replay;
+pub mod verdict;
 mod modelled;
 mod stretch;
 pub mod score;

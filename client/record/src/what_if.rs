@@ -102,6 +102,17 @@ impl Variant {
             if key.is_empty() || value.is_empty() {
                 return Err(wrong());
             }
+            changes.push((key, value));
+        }
+        Ok(Self::of(text, changes))
+    }
+
+    /// The variant of this name with these changes, whose values may hold commas; the same short words as in
+    /// [`Variant::parse`] are known.
+    #[must_use]
+    pub fn of<'a>(name: &str, pairs: impl IntoIterator<Item = (&'a str, &'a str)>) -> Self {
+        let mut changes = Vec::new();
+        for (key, value) in pairs {
             let mut change = |key: &str, value: &str| changes.push((key.to_owned(), value.to_owned()));
             match (key, value) {
                 ("predictor", kind) => change("predictor.kind", kind),
@@ -115,7 +126,7 @@ impl Variant {
                 (key, value) => change(key, value),
             }
         }
-        Ok(Self { name: text.to_owned(), changes })
+        Self { name: name.to_owned(), changes }
     }
 
     fn config(&self, toml: &str) -> Result<Config, WhatIfError> {

@@ -97,7 +97,7 @@ mod tests {
             segments: vec![character],
             remarks: Vec::new(),
         };
-        let file = SetFile { file: "data/a.dat".to_owned(), recording };
+        let file = SetFile { file: "data/a.dat".to_owned(), word: None, recording };
         DataSet { name: "set".to_owned(), files: vec![file], errors: Vec::new(), damaged: Vec::new() }
     }
 

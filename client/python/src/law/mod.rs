@@ -1,7 +1,20 @@
-//! `law`.
+//! The law without a daemon: the follower tick by tick, the guard alone, the kinematic chain.
+//!
+//! Contract: every number goes to the Rust calls and back as it is, so that results are theirs bit for bit.
+//! What the law would refuse is an exception before it is called; the law itself never fails. Calls keep the
+//! interpreter's lock: they take microseconds.
+
+mod numbers;
+mod step;
+mod follower;
+mod guard;
+mod chain;
 
 use pyo3::prelude::*;
 
-pub fn add(_module: &Bound<'_, PyModule>) -> PyResult<()> {
-    Ok(())
+pub fn add(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    step::add(module)?;
+    follower::add(module)?;
+    guard::add(module)?;
+    chain::add(module)
 }

@@ -111,8 +111,9 @@ pub struct Component {
 }
 
 impl Recording {
-    /// Gives points without stamps those of its rate, for a place among recordings of another rate.
-    pub(crate) fn stamp(&mut self) {
+    /// Gives points without stamps those of its rate, for a place among recordings of another rate: each
+    /// character begins one period after 0, and goes on across its gaps.
+    pub fn stamp(&mut self) {
         for character in &mut self.segments {
             let mut now_s = 0.0;
             for component in character.components.iter_mut() {

@@ -28,6 +28,8 @@ pub struct DataSet {
 pub struct SetFile {
     /// Path relative to the set's folder, as written in `split.tsv`.
     pub file: String,
+    /// Its part, where the table or its name says one; of a file of several parts the first.
+    pub word: Option<String>,
     pub recording: Recording,
 }
 
@@ -229,6 +231,6 @@ impl ListedFile {
                 character.writer.clone_from(&self.writer);
             }
         }
-        Ok(SetFile { file: self.file, recording })
+        Ok(SetFile { file: self.file, word: self.word, recording })
     }
 }
