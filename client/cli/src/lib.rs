@@ -13,6 +13,7 @@ mod output;
 mod interrupt;
 mod units;
 mod values;
+mod version;
 mod settings;
 mod attach;
 mod take_over;
