@@ -138,6 +138,12 @@ pub(crate) fn note_replaced(file: &Path, option: &str) {
     }
 }
 
+/// Bytes of ours on stdout as they are, for other programs.
+pub(crate) fn print(bytes: &[u8]) -> Result<(), Failure> {
+    quietly(io::stdout().write_all(bytes).and_then(|()| io::stdout().flush()));
+    Ok(())
+}
+
 /// JSON on stdout. It may be a terminal, so control characters are escaped, which means the same in JSON.
 fn put(json: &str) {
     quietly(io::stdout().write_all(plain_lines(json).as_bytes()).and_then(|()| io::stdout().flush()));

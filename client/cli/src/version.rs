@@ -8,6 +8,13 @@ pub(crate) fn program() -> &'static str {
     &PROGRAM
 }
 
+/// The version, and the layout of the messages of shared memory: programs of another layout are refused.
+pub(crate) fn line() -> &'static str {
+    static LINE: LazyLock<String> =
+        LazyLock::new(|| format!("{}, messages {:016x}", program(), foretrace_shm::C_LAYOUT_HASH));
+    &LINE
+}
+
 fn told(commit: Option<&str>) -> String {
     let version = env!("CARGO_PKG_VERSION");
     match commit.map(str::trim).filter(|commit| !commit.is_empty()) {
