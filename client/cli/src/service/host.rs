@@ -12,8 +12,8 @@ use crate::output::write_file;
 const NAME: &str = "foretraced.service";
 /// Where packages put their units.
 const PACKAGED: [&str; 2] = ["/usr/lib/systemd/system", "/lib/systemd/system"];
-/// Folders that the system unit does not see (ProtectHome=), and that only their owner reads.
-const HOMES: [&str; 3] = ["/home", "/root", "/run/user"];
+/// Folders that the system unit does not see (ProtectHome=, PrivateTmp=).
+const HIDDEN: [&str; 5] = ["/home", "/root", "/run/user", "/tmp", "/var/tmp"];
 
 /// A command that is run, word for word.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -66,11 +66,11 @@ impl Host {
 
     /// Refuses a file that the system unit cannot read.
     pub(super) fn reachable(&self, file: &Path) -> Result<(), Failure> {
-        if self.user || !HOMES.iter().any(|home| file.starts_with(home)) {
+        if self.user || !HIDDEN.iter().any(|home| file.starts_with(home)) {
             return Ok(());
         }
         let name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        let what = format_args!("{} lies in a home, which the service does not see", file.display());
+        let what = format_args!("{} lies where the service does not see it", file.display());
         let remedy = if file.extension().is_some_and(|ending| ending == "toml") {
             format!("sudo install -D -m 644 {} /etc/foretrace/{name}, and give that", file.display())
         } else {
