@@ -25,7 +25,7 @@ pub(crate) struct ManArgs {
     foretrace completions zsh > ~/.zfunc/_foretrace    # a folder of $fpath\n  \
     foretrace completions fish > ~/.config/fish/completions/foretrace.fish")]
 pub(crate) struct CompletionsArgs {
-    /// The shell
+    /// Shell that is to complete
     #[arg(value_name = "SHELL", value_parser = crate::values::word(
         [("bash", Shell::Bash), ("zsh", Shell::Zsh), ("fish", Shell::Fish)], "bash, zsh or fish"))]
     shell: Shell,

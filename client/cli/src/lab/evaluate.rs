@@ -73,7 +73,7 @@ pub(super) fn run(args: &EvaluateArgs) -> Result<(), Failure> {
     show(&set, &table::scored(&models, &set)?, &args.json)
 }
 
-/// The result.
+/// Prints the table, and writes the JSON.
 pub(super) fn show(set: &Set, scored: &Scored, json: &JsonArgs) -> Result<(), Failure> {
     say_lines(prediction::table::lines(set, scored));
     json.write(&prediction::table::json(set, scored))

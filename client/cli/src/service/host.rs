@@ -17,9 +17,9 @@ const HIDDEN: [&str; 5] = ["/home", "/root", "/run/user", "/tmp", "/var/tmp"];
 
 /// A command that is run, word for word.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct Step(Vec<String>);
+pub(super) struct ServiceStep(Vec<String>);
 
-impl Step {
+impl ServiceStep {
     pub(super) fn words(&self) -> String {
         self.0.join(" ")
     }
@@ -56,7 +56,7 @@ impl Host {
         self.units.join(NAME)
     }
 
-    /// This program's file.
+    /// The file of this program.
     pub(super) fn program(&self) -> Result<PathBuf, Failure> {
         let told = std::env::current_exe().and_then(fs::canonicalize);
         told.map_err(|error| {
@@ -145,12 +145,12 @@ impl Host {
             .map_err(|error| Failure::failed(format_args!("cannot remove {}: {error}", file.display()), ""))
     }
 
-    pub(super) fn install_steps(&self) -> Vec<Step> {
+    pub(super) fn install_steps(&self) -> Vec<ServiceStep> {
         vec![self.systemctl(&["daemon-reload"]), self.systemctl(&["enable", "--now", NAME])]
     }
 
     /// Before and after the file is removed.
-    pub(super) fn remove_steps(&self) -> (Vec<Step>, Vec<Step>) {
+    pub(super) fn remove_steps(&self) -> (Vec<ServiceStep>, Vec<ServiceStep>) {
         (vec![self.systemctl(&["disable", "--now", NAME])], vec![self.systemctl(&["daemon-reload"])])
     }
 
@@ -161,13 +161,15 @@ impl Host {
         "sudo -u foretrace XDG_RUNTIME_DIR=/run/foretrace foretrace status --watch"
     }
 
-    fn systemctl(&self, words: &[&str]) -> Step {
+    fn systemctl(&self, words: &[&str]) -> ServiceStep {
         let user = self.user.then_some("--user");
-        Step(["systemctl"].into_iter().chain(user).chain(words.iter().copied()).map(str::to_owned).collect())
+        ServiceStep(
+            ["systemctl"].into_iter().chain(user).chain(words.iter().copied()).map(str::to_owned).collect(),
+        )
     }
 
     /// Runs the steps in turn.
-    pub(super) fn run(&self, steps: &[Step]) -> Result<(), Failure> {
+    pub(super) fn run(&self, steps: &[ServiceStep]) -> Result<(), Failure> {
         for step in steps {
             let Some((program, words)) = step.0.split_first() else { continue };
             let ended = Command::new(program).args(words).status();
@@ -224,7 +226,7 @@ mod tests {
         let (user, system) = (host(Path::new("/x")), Host { user: false, units: "/x".into() });
         assert_eq!(user.install_steps()[1].words(), "systemctl --user enable --now foretraced.service");
         assert_eq!(system.remove_steps().0[0].words(), "systemctl disable --now foretraced.service");
-        let wrong = Step(["false", "x"].map(str::to_owned).to_vec());
+        let wrong = ServiceStep(["false", "x"].map(str::to_owned).to_vec());
         assert!(user.run(&[wrong]).unwrap_err().to_string().starts_with("false x: exit status: 1"));
     }
 

@@ -14,15 +14,15 @@ use crate::failure::{Cause, Failure};
 use crate::output::{note, say};
 use crate::terminal;
 use host::Host;
-use unit::Unit;
+use unit::ServiceUnit;
 
 /// Run the daemon as a service of systemd
 #[derive(Debug, clap::Subcommand)]
 pub(crate) enum ServiceCommand {
     /// Write the unit, enable it and start the daemon, after showing what will be done
     ///
-    /// The daemon starts idle: no arm moves before `foretrace request arm`. As a system service it runs as the
-    /// system user `foretrace`; with --user as yourself, while you are logged in.
+    /// The daemon starts idle: no arm moves before `foretrace request arm`. As a system service it runs as
+    /// the system user `foretrace`; with --user as yourself, while you are logged in.
     Install(InstallArgs),
     /// Stop the daemon, disable its unit and remove the file, if `install` wrote it
     Remove(WhichArgs),
@@ -38,7 +38,7 @@ pub(crate) struct WhichArgs {
     #[arg(long)]
     dry_run: bool,
 
-    /// Do not ask
+    /// Do it without asking
     #[arg(long)]
     yes: bool,
 }
@@ -66,14 +66,12 @@ pub(crate) fn run(command: &ServiceCommand) -> Result<(), Failure> {
 
 fn install(args: &InstallArgs) -> Result<(), Failure> {
     let host = Host::of_this_machine(args.which.user)?;
-    let unit = Unit::new(&host, args.config.as_deref(), &args.preset)?;
+    let unit = ServiceUnit::new(&host, args.config.as_deref(), &args.preset)?;
     let steps = host.install_steps();
     say!("{} will be:\n\n{}", host.unit_file().display(), unit.text().trim_end());
-    say!("\nThen: {}", steps.iter().map(host::Step::words).collect::<Vec<_>>().join("; "));
+    say!("\nThen: {}", steps.iter().map(host::ServiceStep::words).collect::<Vec<_>>().join("; "));
     if args.which.user {
-        say!(
-            "It runs while you are logged in; loginctl enable-linger keeps it, and its shared memory, after that."
-        );
+        say!("It runs while you are logged in; loginctl enable-linger keeps it after that.");
     }
     if !go_on(&args.which, &host, "Install this service?")? {
         return Ok(());
@@ -91,7 +89,7 @@ fn remove(args: &WhichArgs) -> Result<(), Failure> {
     let host = Host::of_this_machine(args.user)?;
     host.ours()?;
     let (before, after) = host.remove_steps();
-    let words: Vec<_> = before.iter().chain(&after).map(host::Step::words).collect();
+    let words: Vec<_> = before.iter().chain(&after).map(host::ServiceStep::words).collect();
     say!("{} will be removed. Also: {}", host.unit_file().display(), words.join("; "));
     if !go_on(args, &host, "Remove this service?")? {
         return Ok(());

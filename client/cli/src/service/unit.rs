@@ -17,9 +17,9 @@ pub(super) const MARK: &str = "# Written by `foretrace service install`";
 
 /// A unit for this program with these settings.
 #[derive(Debug)]
-pub(super) struct Unit(String);
+pub(super) struct ServiceUnit(String);
 
-impl Unit {
+impl ServiceUnit {
     /// # Errors
     /// Settings that are wrong, or a program or file that the service could not read.
     pub(super) fn new(host: &Host, config: Option<&Path>, preset: &str) -> Result<Self, Failure> {
@@ -72,7 +72,7 @@ mod tests {
 
     #[test]
     fn the_system_unit_is_the_shipped_one_with_another_start() {
-        let Unit(text) = Unit::text_of(false, "/opt/foretrace daemon --preset ur5e");
+        let ServiceUnit(text) = ServiceUnit::text_of(false, "/opt/foretrace daemon --preset ur5e");
         assert!(text.starts_with(MARK) && text.contains("\nExecStart=/opt/foretrace daemon --preset ur5e\n"));
         assert!(
             !text.contains("/usr/local/bin")
@@ -85,7 +85,7 @@ mod tests {
 
     #[test]
     fn the_users_unit_needs_no_rights_of_the_system() {
-        let Unit(text) = Unit::text_of(true, "/opt/foretrace daemon --preset ur5");
+        let ServiceUnit(text) = ServiceUnit::text_of(true, "/opt/foretrace daemon --preset ur5");
         assert!(text.contains("WantedBy=default.target") && text.contains("WatchdogSec=2"));
         assert!(!text.contains("User=") && !text.contains("CapabilityBoundingSet") && !text.contains('@'));
     }

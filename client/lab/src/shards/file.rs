@@ -73,7 +73,7 @@ impl<R: Serialize, P: Serialize> ShardFile<R, P> {
 
 /// What is looked at first.
 #[derive(Deserialize)]
-struct Head {
+struct ShardHead {
     foretrace_lab_shard: u32,
     program: String,
     command: String,
@@ -97,9 +97,9 @@ fn parsed<T: DeserializeOwned>(file: &Path) -> Result<T, MergeError> {
 /// # Errors
 /// [`MergeError`]: the first thing that is wrong.
 pub fn command_of(files: &[PathBuf]) -> Result<String, MergeError> {
-    let mut heads: Vec<(&PathBuf, Head)> = Vec::with_capacity(files.len());
+    let mut heads: Vec<(&PathBuf, ShardHead)> = Vec::with_capacity(files.len());
     for file in files {
-        let head: Head = parsed(file)?;
+        let head: ShardHead = parsed(file)?;
         if head.foretrace_lab_shard != FORMAT {
             return Err(MergeError::Format { file: file.clone(), found: head.foretrace_lab_shard });
         }
@@ -141,7 +141,7 @@ pub fn command_of(files: &[PathBuf]) -> Result<String, MergeError> {
 }
 
 /// What two shards do not have in common, if anything.
-fn difference(a: &Head, b: &Head) -> Option<(String, String, String)> {
+fn difference(a: &ShardHead, b: &ShardHead) -> Option<(String, String, String)> {
     let plain = [
         ("command", &a.command, &b.command),
         ("program", &a.program, &b.program),

@@ -6,10 +6,10 @@ use serde::{Deserialize, Serialize};
 
 use super::exact::Exact;
 use super::file::{MergeError, merged};
-use super::scored::{Gathered, SequencePart, SetRun, parts};
+use super::scored::{GatheredSet, SequencePart, SetRun, parts};
 use crate::prediction::Set;
 use crate::prediction::lead_time::{
-    Answers, BandedPosition, Board, Predicted, SHARES, Standing, Targets, ranked,
+    BandedPosition, Board, LeadAnswers, Predicted, SHARES, Standing, Targets, ranked,
 };
 
 /// What is the same in all shards of a run.
@@ -17,7 +17,7 @@ use crate::prediction::lead_time::{
 #[serde(deny_unknown_fields)]
 pub struct LeadRun {
     pub sets: Vec<SetRun>,
-    /// Entrants by name.
+    /// Entrants by name, in the order of the board.
     pub models: Vec<String>,
     /// Of what these are.
     pub networks: String,
@@ -69,10 +69,10 @@ pub fn lead_part(sets: &[Set], owned: &[Vec<bool>], predicted: &[Vec<Option<Pred
 
 fn lane_part(predicted: &Predicted) -> LanePart {
     let (numbers, radii, elsewhere) = match &predicted.answers {
-        Answers::Here(displacements) => {
+        LeadAnswers::Here(displacements) => {
             (displacements.iter().flatten().copied().collect(), Vec::new(), false)
         }
-        Answers::Elsewhere(answers) => {
+        LeadAnswers::Elsewhere(answers) => {
             let positions = answers.iter().flat_map(|answer| answer.position).collect();
             (positions, answers.iter().filter_map(|answer| answer.radii).flatten().collect(), true)
         }
@@ -111,7 +111,7 @@ impl MergedLeads {
 fn board(run: &SetRun, parts: Vec<(PathBuf, SetPart)>, first: &PathBuf) -> Result<Board, MergeError> {
     let bad = |file: &PathBuf, why: String| MergeError::Part { file: file.clone(), why };
     let brought = parts.iter().map(|(_, part)| part.sequences.len()).sum();
-    let mut gathered = Gathered::new(run.clone(), brought).map_err(|why| bad(first, why))?;
+    let mut gathered = GatheredSet::new(run.clone(), brought).map_err(|why| bad(first, why))?;
     let mut lanes: Vec<(PathBuf, Vec<usize>, Vec<LanePart>)> = Vec::with_capacity(parts.len());
     for (file, SetPart { sequences, lanes: of_shard }) in parts {
         let places = gathered.take(sequences).map_err(|why| bad(&file, why))?;
@@ -128,12 +128,12 @@ fn board(run: &SetRun, parts: Vec<(PathBuf, SetPart)>, first: &PathBuf) -> Resul
     let count = lanes.first().map_or(0, |(_, _, lanes)| lanes.len());
     let mut models = Vec::with_capacity(count);
     for index in 0..count {
-        let mut whole: Option<Lane> = None;
+        let mut whole: Option<GatheredLane> = None;
         for (file, places, of_shard) in &mut lanes {
             let Some(part) = of_shard.get_mut(index).map(std::mem::take) else {
                 return Err(bad(file, format!("fewer lanes of {:?} than in other shards", run.set)));
             };
-            let lane = whole.get_or_insert_with(|| Lane::new(&part, counts.len()));
+            let lane = whole.get_or_insert_with(|| GatheredLane::new(&part, counts.len()));
             lane.take(places, &counts, part).map_err(|why| bad(file, why))?;
         }
         models.extend(whole.map(|lane| lane.predicted().lane(&set, &targets)));
@@ -146,7 +146,7 @@ fn board(run: &SetRun, parts: Vec<(PathBuf, SetPart)>, first: &PathBuf) -> Resul
 }
 
 /// A lane as its shards bring it: predictions of every sequence.
-struct Lane {
+struct GatheredLane {
     model: String,
     note: Option<String>,
     elsewhere: bool,
@@ -160,7 +160,7 @@ impl Default for LanePart {
     }
 }
 
-impl Lane {
+impl GatheredLane {
     fn new(part: &LanePart, sequences: usize) -> Self {
         let (model, note, elsewhere) = (part.model.clone(), part.note.clone(), part.elsewhere);
         Self { model, note, elsewhere, of_sequences: vec![Vec::new(); sequences] }
@@ -200,9 +200,9 @@ impl Lane {
     fn predicted(self) -> Predicted {
         let all = self.of_sequences.into_iter().flatten();
         let answers = if self.elsewhere {
-            Answers::Elsewhere(all.collect())
+            LeadAnswers::Elsewhere(all.collect())
         } else {
-            Answers::Here(all.map(|answer| answer.position).collect())
+            LeadAnswers::Here(all.map(|answer| answer.position).collect())
         };
         Predicted { model: self.model, note: self.note, answers }
     }

@@ -3,9 +3,9 @@
 //! Contract: the hands of a run (a writer in a file) are sorted, and shard I of N takes those whose index
 //! modulo N is I - 1. A shard loads everything and writes what it found of its own hands, with every bit of
 //! every number; the merge computes the result with the code of the run that was not cut, so that it is the
-//! same bit for bit. Times are those of the machines. Learners of the closed loop start with every hand. Those
-//! of tables and lead times carry over from hand to hand: there a shard also observes what others score, which
-//! is what it costs more. Absent: starting shards, and moving their files.
+//! same bit for bit. Times are those of the machines. Learners of the closed loop start with every hand.
+//! Those of tables and lead times carry over from hand to hand: there a shard also observes what others
+//! score, which is what it costs more. Absent: starting shards, and moving their files.
 
 mod closed;
 mod exact;

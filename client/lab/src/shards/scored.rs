@@ -18,7 +18,7 @@ pub struct SetRun {
     /// Sequences that are learned from before.
     pub train: usize,
     pub cold: bool,
-    /// Of both.
+    /// Digest of both.
     pub data: String,
 }
 
@@ -124,14 +124,13 @@ impl SequencePart {
 
 /// A set as its shards bring it, sequence by sequence.
 #[derive(Debug)]
-pub(super) struct Gathered {
+pub(super) struct GatheredSet {
     run: SetRun,
     slots: Vec<Option<CharacterSequence>>,
 }
 
-impl Gathered {
-    /// Of `run`, which says how many sequences there are; `bytes` is what all its files have, so that no claim
-    /// reserves more.
+impl GatheredSet {
+    /// Of `run`; `brought` is how many sequences the files have, so that a claim of more reserves nothing.
     pub(super) fn new(run: SetRun, brought: usize) -> Result<Self, String> {
         if run.sequences != brought {
             return Err(format!(

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::exact::Exact;
 use super::file::{MergeError, merged};
-use super::scored::{Gathered, SequencePart, SetRun, parts};
+use super::scored::{GatheredSet, SequencePart, SetRun, parts};
 use crate::prediction::{Mean, Run, Scored, Set, Tally};
 
 /// What is the same in all shards of a run.
@@ -96,7 +96,7 @@ impl MergedTable {
         let bad = |file: &PathBuf, why: String| MergeError::Part { file: file.clone(), why };
         let first = files.first().cloned().unwrap_or_default();
         let brought = shards.iter().map(|(_, part)| part.sequences.len()).sum();
-        let mut set = Gathered::new(run.set.clone(), brought).map_err(|why| bad(&first, why))?;
+        let mut set = GatheredSet::new(run.set.clone(), brought).map_err(|why| bad(&first, why))?;
         let mut gathered: Option<Vec<GatheredRun>> = None;
         for (file, TablePart { sequences, models }) in shards {
             let places = set.take(sequences).map_err(|why| bad(&file, why))?;

@@ -118,8 +118,8 @@ pub fn compare(
     Ok(ranked(&chosen, boards))
 }
 
-/// What every entrant, and `hold`, predicts of each set at the instants of the sequences that are owned; calls
-/// `done` after every pair. `None`: it has no predictions of the set.
+/// What every entrant, and `hold`, predicts of each set at the instants of the sequences that are owned.
+/// Calls `done` after every pair. `None`: it has no predictions of the set.
 ///
 /// # Errors
 /// As [`compare`].

@@ -17,15 +17,15 @@ pub struct Predicted {
     pub model: String,
     /// Notes for the reader.
     pub note: Option<String>,
-    pub answers: Answers,
+    pub answers: LeadAnswers,
 }
 
 /// One per target of the sequences that were asked for, in the order of the targets \[raw units\].
 #[derive(Debug, Clone, PartialEq)]
-pub enum Answers {
+pub enum LeadAnswers {
     /// Of a model that runs here: displacements since the newest point. It gets bands when it is scored.
     Here(Vec<[f64; 2]>),
-    /// From elsewhere.
+    /// Positions that came from elsewhere.
     Elsewhere(Vec<BandedPosition>),
 }
 
@@ -44,14 +44,14 @@ pub(super) fn predict(
         Entrant::Model(model) => {
             let (mut contestant, note) = model.build(&Setting::of(set))?;
             train(&mut *contestant, &set.train, if set.cold { 0 } else { model.passes() }, &|| ());
-            (Answers::Here(walk(&mut *contestant, set, targets, owned)), note)
+            (LeadAnswers::Here(walk(&mut *contestant, set, targets, owned)), note)
         }
         Entrant::File { predictions, .. } => {
             let Some(all) = predictions.answers(&set.name, &set.scored, targets)? else { return Ok(None) };
             let of_target = targets.instants.iter().flat_map(|i| i.scored().map(|_| i.sequence));
             let own = all.into_iter().zip(of_target);
             let own = own.filter(|(_, sequence)| owned.get(*sequence).copied().unwrap_or(false));
-            (Answers::Elsewhere(own.map(|(answer, _)| answer).collect()), None)
+            (LeadAnswers::Elsewhere(own.map(|(answer, _)| answer).collect()), None)
         }
     };
     Ok(Some(Predicted { model: entrant.name().to_owned(), note, answers }))
@@ -63,8 +63,8 @@ impl Predicted {
     pub fn lane(&self, set: &Set, targets: &Targets) -> Lane {
         let scale = set.mm_per_unit().unwrap_or([1.0; 2]);
         let tallies = match &self.answers {
-            Answers::Here(displacements) => with_bands(displacements, set, targets, scale),
-            Answers::Elsewhere(answers) => judge(answers, targets, scale),
+            LeadAnswers::Here(displacements) => with_bands(displacements, set, targets, scale),
+            LeadAnswers::Elsewhere(answers) => judge(answers, targets, scale),
         };
         let glyph_height = height(set);
         let leads = tallies.iter().enumerate().map(|(lead, tally)| tally.row(lead, glyph_height)).collect();
