@@ -97,9 +97,9 @@ fn result(world: &World, command: &[&str], out: &str) -> (String, String, Vec<(P
     (kept.collect::<Vec<_>>().join("\n"), value.to_string(), pictures.into_iter().map(drawn).collect())
 }
 
-fn same_whatever_the_cut(command: &[&str], world: &World) {
+fn same_whatever_the_cut(command: &[&str], world: &World, counts: &[usize]) {
     let whole = result(world, command, "whole");
-    for count in [1, 3, 17] {
+    for &count in counts {
         let mut files = shards(world, command, count);
         // In any order.
         files.reverse();
@@ -121,8 +121,20 @@ fn tables_from_shards_are_those_of_the_whole() {
     let world = World::alone(PROGRAM);
     let set = set(&world, "set", 1.0);
     let models = "hold,constant-velocity,dybm-offline,dybm,dybm-esn,ar-rls,lstm32,mixture,mixture-cold";
-    same_whatever_the_cut(&["lab", "table1", "--data", &set, "--models", models, "--by-label"], &world);
-    same_whatever_the_cut(&["lab", "evaluate", "--data", &set, "--models", "dybm,mixture"], &world);
+    same_whatever_the_cut(
+        &["lab", "table1", "--data", &set, "--models", models, "--by-label"],
+        &world,
+        &[1, 3, 17],
+    );
+    let world = World::alone(PROGRAM);
+    let set = self::set(&world, "set", 1.0);
+    let evaluate = ["lab", "evaluate", "--data", &set, "--models", "dybm,mixture"];
+    same_whatever_the_cut(&evaluate, &world, &[1, 3, 17]);
+    let world = World::alone(PROGRAM);
+    let set = self::set(&world, "set", 1.0);
+    // Every shard trains the same network.
+    let trained = ["lab", "table1", "--data", &set, "--models", "hold,lstm10", "--train"];
+    same_whatever_the_cut(&trained, &world, &[2]);
 }
 
 #[test]
@@ -145,7 +157,7 @@ fn lead_times_from_shards_are_those_of_the_whole() {
     }
     let mine = format!("file:{}", world.write("mine.csv", &answers));
     let models = format!("constant-velocity,ar-rls,dybm,mixture,lstm10,{mine}");
-    same_whatever_the_cut(&["lab", "leadtime", "--data", &data, "--models", &models], &world);
+    same_whatever_the_cut(&["lab", "leadtime", "--data", &data, "--models", &models], &world, &[1, 3, 17]);
 }
 
 #[test]

@@ -6,7 +6,7 @@ use foretrace_lab::prediction::lead_time::{
     Board, BoardError, Entrant, Predictions, Standing, compare, draw, export, predict_all, standing_lines,
 };
 use foretrace_lab::prediction::{Model, Set};
-use foretrace_lab::shards::{Digest, LeadRun, SetRun, Shard, lead_part, owned};
+use foretrace_lab::shards::{LeadRun, SetRun, Shard, brought, lead_part, owned};
 use foretrace_sim::data::{DataSet, Split};
 use serde_json::json;
 
@@ -144,7 +144,7 @@ fn write_shard(args: &LeadtimeArgs, shard: Shard, entrants: &[Entrant], sets: &[
     let run = LeadRun {
         sets: sets.iter().map(SetRun::of).collect(),
         models: entrants.iter().map(|entrant| entrant.name().to_owned()).collect(),
-        networks: Digest::of(&entrants),
+        networks: brought(entrants),
     };
     let all = || owned.iter().flatten();
     let counts = [all().filter(|own| **own).count(), all().count()];

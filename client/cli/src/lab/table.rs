@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use foretrace_lab::prediction::{Model, RegistryError, Scored, Set, runs, score, work};
-use foretrace_lab::shards::{Digest, SetRun, Shard, TableRun, owned, table_part};
+use foretrace_lab::shards::{SetRun, Shard, TableRun, networks, owned, table_part};
 use foretrace_sim::data::Split;
 
 use super::progress::StepProgress;
@@ -73,7 +73,7 @@ pub(super) fn write_shard(
         runs(models, set, &owned, &|| progress.step()).map_err(|error| Failure::bad_input(error, ""))?;
     drop(progress);
     let names = models.iter().map(Model::to_string).collect();
-    let run = TableRun { set: SetRun::of(set), models: names, networks: Digest::of(&models), by_label };
+    let run = TableRun { set: SetRun::of(set), models: names, networks: networks(models), by_label };
     let counts = [owned.iter().filter(|own| **own).count(), owned.len()];
     shards::write(json, command, shard, run, table_part(set, &owned, &runs), counts)
 }

@@ -23,7 +23,7 @@ pub use closed::{ClosedLoopPart, ClosedLoopRun, MergedLoop, closed_loop_part, di
 pub use exact::{Digest, Exact};
 pub use file::{MergeError, ShardFile, command_of};
 pub use leads::{LeadPart, LeadRun, MergedLeads, lead_part};
-pub use scored::{SetRun, owned};
+pub use scored::{SetRun, brought, networks, owned};
 pub use tables::{MergedTable, TablePart, TableRun, table_part};
 
 /// Most shards of a run.

@@ -4,7 +4,8 @@ use serde::{Deserialize, Serialize};
 
 use super::Shard;
 use super::exact::{Digest, Exact};
-use crate::prediction::{CharacterSequence, Set};
+use crate::prediction::lead_time::Entrant;
+use crate::prediction::{CharacterSequence, Model, Set};
 
 /// What is the same of a set in all shards of a run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -42,6 +43,26 @@ impl SetRun {
             data: digest.finish(),
         }
     }
+}
+
+/// Of the networks that models brought with them.
+#[must_use]
+pub fn networks(models: &[Model]) -> String {
+    Digest::of(&models.iter().map(weights).collect::<Vec<_>>())
+}
+
+/// Of the networks and predictions that entrants brought with them.
+#[must_use]
+pub fn brought(entrants: &[Entrant]) -> String {
+    let one = |entrant: &Entrant| match entrant {
+        Entrant::Model(model) => Digest::of(&weights(model)),
+        Entrant::File { predictions, .. } => Digest::of(predictions),
+    };
+    Digest::of(&entrants.iter().map(one).collect::<Vec<_>>())
+}
+
+fn weights(model: &Model) -> Option<&impl std::fmt::Debug> {
+    model.own_network().map(|network| &network.weights)
 }
 
 /// A sequence that a shard scored.
