@@ -97,15 +97,15 @@ fn result(world: &World, command: &[&str], out: &str) -> (String, String, Vec<(P
     (kept.collect::<Vec<_>>().join("\n"), value.to_string(), pictures.into_iter().map(drawn).collect())
 }
 
-fn same_whatever_the_cut(command: &[&str], world: &World, counts: &[usize]) {
-    let whole = result(world, command, "whole");
+fn same_whatever_the_cut(command: &[&str], world: &World, name: &str, counts: &[usize]) {
+    let whole = result(world, command, &format!("{name}-whole"));
     for &count in counts {
         let mut files = shards(world, command, count);
         // In any order.
         files.reverse();
         let mut merge = vec!["lab", "merge"];
         merge.extend(files.iter().map(String::as_str));
-        let merged = result(world, &merge, &format!("merged-{count}"));
+        let merged = result(world, &merge, &format!("{name}-merged-{count}"));
         assert_eq!(merged.0, whole.0, "text of {count} shards");
         assert!(merged.1 == whole.1, "JSON of {count} shards:\n{}\n{}", merged.1, whole.1);
         let names = |pictures: &[(PathBuf, String)]| {
@@ -124,17 +124,14 @@ fn tables_from_shards_are_those_of_the_whole() {
     same_whatever_the_cut(
         &["lab", "table1", "--data", &set, "--models", models, "--by-label"],
         &world,
+        "table1",
         &[1, 3, 17],
     );
-    let world = World::alone(PROGRAM);
-    let set = self::set(&world, "set", 1.0);
     let evaluate = ["lab", "evaluate", "--data", &set, "--models", "dybm,mixture"];
-    same_whatever_the_cut(&evaluate, &world, &[1, 3, 17]);
-    let world = World::alone(PROGRAM);
-    let set = self::set(&world, "set", 1.0);
+    same_whatever_the_cut(&evaluate, &world, "evaluate", &[1, 3, 17]);
     // Every shard trains the same network.
     let trained = ["lab", "table1", "--data", &set, "--models", "hold,lstm10", "--train"];
-    same_whatever_the_cut(&trained, &world, &[2]);
+    same_whatever_the_cut(&trained, &world, "trained", &[2]);
 }
 
 #[test]
@@ -157,7 +154,12 @@ fn lead_times_from_shards_are_those_of_the_whole() {
     }
     let mine = format!("file:{}", world.write("mine.csv", &answers));
     let models = format!("constant-velocity,ar-rls,dybm,mixture,lstm10,{mine}");
-    same_whatever_the_cut(&["lab", "leadtime", "--data", &data, "--models", &models], &world, &[1, 3, 17]);
+    same_whatever_the_cut(
+        &["lab", "leadtime", "--data", &data, "--models", &models],
+        &world,
+        "leads",
+        &[1, 3, 17],
+    );
 }
 
 #[test]
