@@ -8,7 +8,7 @@ const GROUPS: [(&str, &[&str]); 6] = [
     ("Run", &["daemon", "play", "tablet", "gateway", "arm", "ur-sim", "enable"]),
     ("Ask and watch", &["request", "move", "status", "metrics", "foxglove", "relay"]),
     ("Keep and look back", &["record", "flight", "replay", "explain", "export"]),
-    ("Set up", &["config", "calibrate", "bench", "schema"]),
+    ("Set up", &["config", "calibrate", "bench", "schema", "service", "man", "completions"]),
     ("Research", &["lab", "help"]),
 ];
 

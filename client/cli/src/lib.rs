@@ -13,6 +13,7 @@ mod output;
 mod interrupt;
 mod units;
 mod values;
+mod version;
 mod settings;
 mod attach;
 mod take_over;
@@ -47,12 +48,16 @@ mod status;
 mod demo;
 mod bench;
 mod doctor;
+mod service;
+mod manual;
 #[cfg(feature = "lab")]
 mod lab;
 // The documents also name commands of the lab.
 #[cfg(all(test, feature = "lab"))]
 mod documented_tests;
 
+use std::ffi::{OsStr, OsString};
+use std::path::Path;
 use std::process::ExitCode;
 
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
@@ -70,7 +75,7 @@ static ALLOCATOR: CountingAllocator = CountingAllocator;
 /// A real-time daemon reads pen samples from shared memory, predicts where the pen will be when the arm gets
 /// there, plans a smooth motion, and writes joint commands; a learner adapts the prediction while it runs.
 #[derive(Debug, Parser)]
-#[command(name = "foretrace", version, after_help = EXIT_CODES, max_term_width = 100)]
+#[command(name = "foretrace", version = version::line(), after_help = EXIT_CODES, max_term_width = 100)]
 struct CommandLine {
     #[command(subcommand)]
     command: ProgramCommand,
@@ -118,6 +123,10 @@ enum ProgramCommand {
     Config(config::ConfigCommand),
     #[command(subcommand)]
     Schema(schema::SchemaCommand),
+    #[command(subcommand)]
+    Service(service::ServiceCommand),
+    Man(manual::ManArgs),
+    Completions(manual::CompletionsArgs),
 }
 
 /// Runs the program with the arguments of this process.
@@ -136,7 +145,7 @@ pub fn main() -> ExitCode {
 
 fn program() -> ExitCode {
     let parsed = help::grouped(CommandLine::command())
-        .try_get_matches()
+        .try_get_matches_from(arguments(std::env::args_os()))
         .and_then(|matches| CommandLine::from_arg_matches(&matches));
     let arguments = match parsed {
         Ok(arguments) => arguments,
@@ -154,6 +163,15 @@ fn program() -> ExitCode {
             ExitCode::from(failure.cause as u8)
         }
     }
+}
+
+/// The command line; under the name `foretraced`, as packages link it, this program is `foretrace daemon`.
+fn arguments(given: impl Iterator<Item = OsString>) -> Vec<OsString> {
+    let mut words: Vec<OsString> = given.collect();
+    if words.first().is_some_and(|name| Path::new(name).file_name() == Some(OsStr::new("foretraced"))) {
+        words.insert(1, OsString::from("daemon"));
+    }
+    words
 }
 
 fn run(command: &ProgramCommand) -> Result<(), Failure> {
@@ -186,5 +204,38 @@ fn run(command: &ProgramCommand) -> Result<(), Failure> {
         ProgramCommand::Lab(command) => lab::run(command),
         ProgramCommand::Config(command) => config::run(command),
         ProgramCommand::Schema(command) => schema::run(command),
+        ProgramCommand::Service(command) => service::run(command),
+        ProgramCommand::Man(args) => manual::man(args),
+        ProgramCommand::Completions(args) => manual::completions(args),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_link_called_foretraced_is_the_daemon() {
+        let of = |words: &[&str]| {
+            let words = arguments(words.iter().map(OsString::from));
+            words.iter().map(|word| word.to_string_lossy().into_owned()).collect::<Vec<_>>().join(" ")
+        };
+        assert_eq!(
+            of(&["/usr/bin/foretraced", "--preset", "ur5e"]),
+            "/usr/bin/foretraced daemon --preset ur5e"
+        );
+        assert_eq!(of(&["foretrace", "status"]), "foretrace status");
+        assert_eq!(of(&[]), "");
+    }
+
+    /// What starts `foretraced` may start the link.
+    #[test]
+    fn the_daemon_takes_every_option_of_foretraced() {
+        let ours = CommandLine::command();
+        let ours = ours.find_subcommand("daemon").unwrap();
+        let theirs = <foretraced::DaemonArgs as clap::Args>::augment_args(clap::Command::new("foretraced"));
+        for option in theirs.get_arguments() {
+            assert!(ours.get_arguments().any(|own| own.get_long() == option.get_long()), "{option}");
+        }
     }
 }

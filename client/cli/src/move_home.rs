@@ -3,7 +3,7 @@
 //! Contract: moves nothing without `--yes` or a `yes` on the terminal. Leaving stops the arm: on Ctrl-C, and
 //! if the answer or the status does not come, it is stopped in the way that needs no middleware.
 
-use std::io::{BufRead, IsTerminal, Write};
+use std::io::IsTerminal;
 use std::time::{Duration, Instant};
 
 use foretrace_client::wire::{FaultReason, WayHome};
@@ -17,6 +17,7 @@ use crate::failure::{Cause, Failure};
 use crate::interrupt::Interrupt;
 use crate::output::{JsonArgs, may_draw, note, say};
 use crate::settings::InstanceArgs;
+use crate::terminal::agreed;
 
 /// Longer than the daemon's own limit for an answer.
 const ANSWER: Duration = Duration::from_secs(3);
@@ -84,7 +85,7 @@ fn home(args: &HomeArgs) -> Result<(), Failure> {
             way.left_s
         );
     }
-    if !args.yes && !agreed()? {
+    if !args.yes && !agreed("The arm will move. Is its way clear of people and things?")? {
         return Err(Failure::new(Cause::Interrupted, "nothing was moved", "answer yes to move the arm"));
     }
     // From here on Ctrl-C stops the arm; before, it just ends the program.
@@ -109,19 +110,6 @@ fn home(args: &HomeArgs) -> Result<(), Failure> {
         "left_rad": at_home.farthest_rad,
         "seconds": took_s,
     }))
-}
-
-/// Bytes of an answer that are read: a line without an end is no yes.
-const LONGEST_ANSWER: u64 = 64;
-
-/// Asks on the terminal.
-fn agreed() -> Result<bool, Failure> {
-    let _ = write!(std::io::stderr(), "The arm will move. Is its way clear of people and things? Type yes: ");
-    let mut answer = Vec::new();
-    std::io::Read::take(std::io::stdin().lock(), LONGEST_ANSWER)
-        .read_until(b'\n', &mut answer)
-        .map_err(|error| Failure::failed(format_args!("reading from the terminal: {error}"), "give --yes"))?;
-    Ok(String::from_utf8_lossy(&answer).trim().eq_ignore_ascii_case("yes"))
 }
 
 fn silent() -> Failure {

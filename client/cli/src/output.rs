@@ -92,8 +92,17 @@ impl JsonArgs {
 
     /// Writes `result` where it was asked for, if it was.
     pub(crate) fn write<T: Serialize>(&self, result: &T) -> Result<(), Failure> {
+        self.put(serde_json::to_string_pretty(result))
+    }
+
+    /// The same in one line: for results that only programs read.
+    pub(crate) fn write_dense<T: Serialize>(&self, result: &T) -> Result<(), Failure> {
+        self.put(serde_json::to_string(result))
+    }
+
+    fn put(&self, json: serde_json::Result<String>) -> Result<(), Failure> {
         let Some(path) = &self.json else { return Ok(()) };
-        let mut text = serde_json::to_string_pretty(result).map_err(|error| {
+        let mut text = json.map_err(|error| {
             Failure::failed(format_args!("the result cannot be written as JSON: {error}"), "")
         })?;
         text.push('\n');
@@ -127,6 +136,12 @@ pub(crate) fn note_replaced(file: &Path, option: &str) {
     if file.exists() {
         note!("{} of an earlier run is replaced ({option} keeps it)", file.display());
     }
+}
+
+/// Bytes of ours on stdout as they are, for other programs.
+pub(crate) fn print(bytes: &[u8]) -> Result<(), Failure> {
+    quietly(io::stdout().write_all(bytes).and_then(|()| io::stdout().flush()));
+    Ok(())
 }
 
 /// JSON on stdout. It may be a terminal, so control characters are escaped, which means the same in JSON.

@@ -5,7 +5,7 @@
 //! one ends the program at once.
 
 use std::fs::File;
-use std::io::{self, BufRead, IsTerminal, Read};
+use std::io::{self, BufRead, IsTerminal, Read, Write};
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::termios::{LocalModes, OptionalActions, Termios, tcgetattr, tcgetwinsize, tcsetattr};
@@ -23,6 +23,20 @@ pub(crate) fn has_colour() -> bool {
     let refused = std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty());
     let dumb = std::env::var_os("TERM").is_none_or(|term| term == "dumb");
     io::stdout().is_terminal() && !refused && !dumb
+}
+
+/// Bytes of an answer that are read: a line without an end is no yes.
+const LONGEST_ANSWER: u64 = 64;
+
+/// Asks on the terminal; only `yes` is a yes.
+pub(crate) fn agreed(question: &str) -> Result<bool, Failure> {
+    // The reader may be gone; then there is no answer.
+    let _ = write!(io::stderr(), "{question} Type yes: ");
+    let mut answer = Vec::new();
+    Read::take(io::stdin().lock(), LONGEST_ANSWER)
+        .read_until(b'\n', &mut answer)
+        .map_err(|error| Failure::failed(format_args!("reading from the terminal: {error}"), "give --yes"))?;
+    Ok(String::from_utf8_lossy(&answer).trim().eq_ignore_ascii_case("yes"))
 }
 
 /// Bytes of the longest line that is read as one.

@@ -12,6 +12,7 @@ pub mod experiments;
 pub mod lockstep;
 pub mod closed_loop;
 pub mod prediction;
+pub mod shards;
 pub mod train;
 pub mod plot;
 mod parallel;

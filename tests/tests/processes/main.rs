@@ -9,6 +9,7 @@ mod doctor;
 mod foxglove;
 mod hands;
 mod lab_closed_loop;
+mod lab_shards;
 mod lab_tables;
 mod move_home;
 mod page_faults;

@@ -2,21 +2,23 @@
 
 mod trial;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use foretrace_config::Config;
 use foretrace_control::estimate::LawParameters;
 use foretrace_lab::closed_loop::{
-    BenchArm, Benchmark, Flaws, HandOptions, HandsOfArms, MethodOutcome, ParetoPoint, Rival, hands_of_set,
-    hands_of_texts, pictures, table_lines,
+    BenchArm, Benchmark, Each, Flaws, HandOptions, HandsOfArms, MethodOutcome, ParetoPoint, Rival,
+    hands_of_set, hands_of_texts, pictures, table_lines,
 };
+use foretrace_lab::shards::{ClosedLoopRun, Shard, closed_loop_part, digest, own_hands};
 use foretrace_sim::data::Split;
 use foretrace_sim::path::Lift;
 use serde_json::json;
 
 use super::law::named_number;
 use super::progress::StepProgress;
-use super::say_picture;
+use super::shards::ShardArgs;
+use super::{say_picture, shards};
 use crate::arm::options::JointArgs;
 use crate::failure::Failure;
 use crate::output::{JsonArgs, note, say, say_lines, tell};
@@ -63,7 +65,7 @@ pub(crate) struct ClosedLoopArgs {
 
     /// Plot error against jerk instead of the table: sweep every method over its tuning [default: hold,
     /// mixture and the baselines]
-    #[arg(long)]
+    #[arg(long, conflicts_with = "shard")]
     pareto: bool,
 
     /// At most this many sequences of each hand, every writer of every file, in the order of the file
@@ -86,8 +88,11 @@ pub(crate) struct ClosedLoopArgs {
     strict: bool,
 
     /// Folder for the pictures
-    #[arg(long, value_name = "DIR", default_value = "foretrace-lab")]
+    #[arg(long, value_name = "DIR", default_value = "foretrace-lab", conflicts_with = "shard")]
     out: PathBuf,
+
+    #[command(flatten)]
+    shard: ShardArgs,
 
     #[command(flatten)]
     trial: trial::TrialArgs,
@@ -101,6 +106,9 @@ pub(crate) struct ClosedLoopArgs {
     #[command(flatten)]
     json: JsonArgs,
 }
+
+/// As shards of it are named.
+pub(super) const NAME: &str = "closed-loop";
 
 impl ClosedLoopArgs {
     /// What is wrong with ur5 and slow, and with the pen.
@@ -142,7 +150,10 @@ fn age(text: &str) -> Result<f64, String> {
 }
 
 pub(super) fn run(args: &ClosedLoopArgs) -> Result<(), Failure> {
-    args.json.claim_beside(&args.out)?;
+    match args.shard.shard {
+        Some(_) => args.json.claim()?,
+        None => args.json.claim_beside(&args.out)?,
+    }
     let config = args.settings.load()?;
     let rivals = rivals(&args.predictors, args.pareto)?;
     let law = args.law()?;
@@ -151,6 +162,9 @@ pub(super) fn run(args: &ClosedLoopArgs) -> Result<(), Failure> {
     if args.trial.asked() {
         return trial::run(args, &config, &rivals, arms, &title);
     }
+    if let Some(shard) = args.shard.shard {
+        return write_shard(args, shard, &config, (rivals, law), (title, arms));
+    }
     let benchmark = Benchmark { config: &config, arms, rivals, flaws: args.flaws(), law };
     if args.pareto {
         return pareto(args, &title, &benchmark);
@@ -158,23 +172,77 @@ pub(super) fn run(args: &ClosedLoopArgs) -> Result<(), Failure> {
     let progress = StepProgress::of("lab closed-loop", benchmark.jobs());
     let outcomes = benchmark.run(|| progress.step()).map_err(|error| Failure::failed(error, ""))?;
     drop(progress);
-    let rows = MethodOutcome::table(&outcomes);
+    let heading = show(&title, &outcomes, &args.out)?;
+    let letters = pictures::letters(&args.out, &heading, &benchmark, &outcomes)?;
+    letters.iter().for_each(|file| say_picture(file));
+    let names = args.each.then(|| benchmark.names());
+    let each = names.as_ref().map(|names| MethodOutcome::each(names, &outcomes).collect());
+    write(&args.json, &title, &args.lifts, &outcomes, each)
+}
+
+/// The table and the distributions of errors; returns the heading of pictures.
+pub(super) fn show(title: &str, outcomes: &[MethodOutcome], out: &Path) -> Result<String, Failure> {
+    let rows = MethodOutcome::table(outcomes);
     if rows.is_empty() {
-        return Err(nothing(&title));
+        return Err(nothing(title));
     }
     let sequences = rows.iter().map(|row| row.sequences).max().unwrap_or(0);
     say!("{title}: {sequences} sequences\n");
     say_lines(table_lines(&rows));
     let heading = format!("{title}, {sequences} sequences");
-    folder(args)?;
+    folder(out)?;
     say!("");
-    say_picture(&pictures::distributions(&args.out, &heading, &outcomes)?);
-    pictures::letters(&args.out, &heading, &benchmark, &outcomes)?.iter().for_each(|file| say_picture(file));
-    let mut result = json!({ "set": title, "lifts": args.lifts, "rows": rows });
-    if args.each {
-        result["sequences"] = json!(benchmark.each(&outcomes).collect::<Vec<_>>());
+    say_picture(&pictures::distributions(out, &heading, outcomes)?);
+    Ok(heading)
+}
+
+/// The result as JSON, with every sequence where that was asked for.
+pub(super) fn write(
+    json: &JsonArgs,
+    title: &str,
+    lifts: &str,
+    outcomes: &[MethodOutcome],
+    each: Option<Vec<Each<'_>>>,
+) -> Result<(), Failure> {
+    let mut result = json!({ "set": title, "lifts": lifts, "rows": MethodOutcome::table(outcomes) });
+    if let Some(each) = each {
+        result["sequences"] = json!(each);
     }
-    args.json.write(&result)
+    json.write(&result)
+}
+
+/// Writes the shard's hands, and what the merge needs.
+fn write_shard(
+    args: &ClosedLoopArgs,
+    shard: Shard,
+    config: &Config,
+    (rivals, law): (Vec<Rival>, LawParameters),
+    (set, arms): (String, HandsOfArms),
+) -> Result<(), Failure> {
+    let flaws = args.flaws();
+    let run = ClosedLoopRun {
+        set,
+        lifts: args.lifts.clone(),
+        each: args.each,
+        arms: arms.iter().map(|(arm, _)| arm.name().to_owned()).collect(),
+        hands: arms.iter().map(|(_, hands)| hands.len()).collect(),
+        predictors: rivals.iter().map(|rival| rival.name().to_owned()).collect(),
+        options: format!("{flaws:?}\n{law:?}"),
+        settings: config.render(),
+        data: digest(&arms),
+    };
+    let sequences = |arms: &HandsOfArms| {
+        arms.iter().flat_map(|(_, hands)| hands).map(|hand| hand.sequences.len()).sum::<usize>()
+    };
+    let all = sequences(&arms);
+    let (arms, places) = own_hands(arms, shard);
+    let counts = [sequences(&arms), all];
+    let benchmark = Benchmark { config, arms, rivals, flaws, law };
+    let progress = StepProgress::of("lab closed-loop", benchmark.jobs());
+    let outcomes = benchmark.run(|| progress.step()).map_err(|error| Failure::failed(error, ""))?;
+    drop(progress);
+    let part = closed_loop_part(&benchmark.names(), &places, &outcomes);
+    shards::write(&args.json, NAME, shard, run, part, counts)
 }
 
 fn pareto(args: &ClosedLoopArgs, title: &str, benchmark: &Benchmark<'_>) -> Result<(), Failure> {
@@ -192,7 +260,7 @@ fn pareto(args: &ClosedLoopArgs, title: &str, benchmark: &Benchmark<'_>) -> Resu
     for ParetoPoint { method, arm, label, rms_m, rms_jerk, .. } in &points {
         say!("{method:<18} {arm:<8} {label:<34} {:>9.3} {rms_jerk:>10.1}", rms_m * 1e3);
     }
-    folder(args)?;
+    folder(&args.out)?;
     say!("");
     say_picture(&pictures::pareto(&args.out, title, &points)?);
     args.json.write(&json!({ "set": title, "lifts": args.lifts, "pareto": points }))
@@ -203,9 +271,9 @@ fn nothing(title: &str) -> Failure {
     Failure::bad_input(what, "give a set with handwriting in it, or another part (--split)")
 }
 
-fn folder(args: &ClosedLoopArgs) -> Result<(), Failure> {
-    std::fs::create_dir_all(&args.out).map_err(|error| {
-        Failure::bad_input(format_args!("{}: {error}", args.out.display()), "give a folder (--out)")
+fn folder(out: &Path) -> Result<(), Failure> {
+    std::fs::create_dir_all(out).map_err(|error| {
+        Failure::bad_input(format_args!("{}: {error}", out.display()), "give a folder (--out)")
     })
 }
 

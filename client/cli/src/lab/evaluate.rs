@@ -2,9 +2,10 @@
 
 use std::path::PathBuf;
 
-use foretrace_lab::prediction::{self, Model};
+use foretrace_lab::prediction::{self, Model, Scored, Set};
 use foretrace_sim::data::Split;
 
+use super::shards::ShardArgs;
 use super::table;
 use crate::failure::Failure;
 use crate::output::{JsonArgs, say_lines};
@@ -39,8 +40,14 @@ pub(crate) struct EvaluateArgs {
     cold: bool,
 
     #[command(flatten)]
+    shard: ShardArgs,
+
+    #[command(flatten)]
     json: JsonArgs,
 }
+
+/// As shards of it are named.
+pub(super) const NAME: &str = "evaluate";
 
 pub(super) fn run(args: &EvaluateArgs) -> Result<(), Failure> {
     args.json.claim()?;
@@ -60,7 +67,14 @@ pub(super) fn run(args: &EvaluateArgs) -> Result<(), Failure> {
         ));
     }
     let set = table::load(&args.data, &args.split, args.cold, args.strict, &args.unit)?;
-    let scored = table::scored(&models, &set)?;
-    say_lines(prediction::table::lines(&set, &scored));
-    args.json.write(&prediction::table::json(&set, &scored))
+    if let Some(shard) = args.shard.shard {
+        return table::write_shard(&args.json, NAME, shard, &models, &set, false);
+    }
+    show(&set, &table::scored(&models, &set)?, &args.json)
+}
+
+/// Prints the table, and writes the JSON.
+pub(super) fn show(set: &Set, scored: &Scored, json: &JsonArgs) -> Result<(), Failure> {
+    say_lines(prediction::table::lines(set, scored));
+    json.write(&prediction::table::json(set, scored))
 }

@@ -3,14 +3,16 @@
 use std::path::{Path, PathBuf};
 
 use foretrace_lab::prediction::lead_time::{
-    BoardError, Entrant, Predictions, compare, draw, export, standing_lines,
+    Board, BoardError, Entrant, Predictions, Standing, compare, draw, export, predict_all, standing_lines,
 };
 use foretrace_lab::prediction::{Model, Set};
+use foretrace_lab::shards::{LeadRun, SetRun, Shard, brought, lead_part, owned};
 use foretrace_sim::data::{DataSet, Split};
 use serde_json::json;
 
 use super::progress::StepProgress;
-use super::{say_picture, table};
+use super::shards::ShardArgs;
+use super::{say_picture, shards, table};
 use crate::failure::Failure;
 use crate::output::{JsonArgs, note, say, say_lines};
 use crate::units::UnitArgs;
@@ -37,19 +39,28 @@ pub(crate) struct LeadtimeArgs {
     split: Option<Split>,
 
     /// Write each set's points and targets as CSV to DIR and stop, for predictors that run elsewhere
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, value_name = "DIR", conflicts_with = "shard")]
     export_targets: Option<PathBuf>,
 
     /// Folder for the picture
-    #[arg(long, value_name = "DIR", default_value = "foretrace-lab")]
+    #[arg(long, value_name = "DIR", default_value = "foretrace-lab", conflicts_with = "shard")]
     out: PathBuf,
+
+    #[command(flatten)]
+    shard: ShardArgs,
 
     #[command(flatten)]
     json: JsonArgs,
 }
 
+/// As shards of it are named.
+pub(super) const NAME: &str = "leadtime";
+
 pub(super) fn run(args: &LeadtimeArgs) -> Result<(), Failure> {
-    args.json.claim_beside(&args.out)?;
+    match args.shard.shard {
+        Some(_) => args.json.claim()?,
+        None => args.json.claim_beside(&args.out)?,
+    }
     let entrants = entrants(args.models.as_deref())?;
     let exports = args.export_targets.as_deref();
     let mut sets = Vec::new();
@@ -66,9 +77,10 @@ pub(super) fn run(args: &LeadtimeArgs) -> Result<(), Failure> {
         let what = format_args!("--data names two sets called {:?}", twice.1.name);
         return Err(Failure::usage(what, "name each set once, or rename one of the folders"));
     }
-    match exports {
-        Some(folder) => export_all(folder, &sets),
-        None => compare_all(args, &entrants, &sets),
+    match (exports, args.shard.shard) {
+        (Some(folder), _) => export_all(folder, &sets),
+        (None, Some(shard)) => write_shard(args, shard, &entrants, &sets),
+        (None, None) => compare_all(args, &entrants, &sets),
     }
 }
 
@@ -118,22 +130,52 @@ fn export_all(folder: &Path, sets: &[Set]) -> Result<(), Failure> {
 
 fn compare_all(args: &LeadtimeArgs, entrants: &[Entrant], sets: &[Set]) -> Result<(), Failure> {
     let progress = StepProgress::of("lab leadtime", entrants.len() * sets.len());
-    let (boards, standings) = compare(entrants, sets, &|| progress.step()).map_err(|error| match error {
+    let (boards, standings) = compare(entrants, sets, &|| progress.step()).map_err(refused)?;
+    drop(progress);
+    show(&boards, &standings, &args.out, &args.json)
+}
+
+/// Predicts for the shard's sequences, and writes what the merge needs.
+fn write_shard(args: &LeadtimeArgs, shard: Shard, entrants: &[Entrant], sets: &[Set]) -> Result<(), Failure> {
+    let owned = owned(sets, shard);
+    let progress = StepProgress::of("lab leadtime", entrants.len() * sets.len());
+    let predicted = predict_all(entrants, sets, &owned, &|| progress.step()).map_err(refused)?;
+    drop(progress);
+    let run = LeadRun {
+        sets: sets.iter().map(SetRun::of).collect(),
+        models: entrants.iter().map(|entrant| entrant.name().to_owned()).collect(),
+        networks: brought(entrants),
+    };
+    let all = || owned.iter().flatten();
+    let counts = [all().filter(|own| **own).count(), all().count()];
+    shards::write(&args.json, NAME, shard, run, lead_part(sets, &owned, &predicted), counts)
+}
+
+fn refused(error: BoardError) -> Failure {
+    match error {
         BoardError::Predictions(_) => Failure::bad_input(error, ""),
         other => Failure::bad_input(other, "choose other models (--models)"),
-    })?;
-    drop(progress);
+    }
+}
+
+/// The result, with the picture in `out`.
+pub(super) fn show(
+    boards: &[Board],
+    standings: &[Standing],
+    out: &Path,
+    json: &JsonArgs,
+) -> Result<(), Failure> {
     if let Some(board) = boards.iter().find(|board| board.instants == 0) {
         let what = format_args!("{}: no stroke is long enough for a prediction to be judged", board.set);
         return Err(Failure::bad_input(what, "give longer recordings, or leave the set out (--data)"));
     }
     boards.iter().for_each(|board| say_lines(board.lines()));
-    say_lines(standing_lines(&standings, boards.len()));
+    say_lines(standing_lines(standings, boards.len()));
     if standings.iter().any(|standing| standing.sets < boards.len()) {
         note!("lab: standings over different sets do not compare");
     }
-    let file = draw(&args.out, &boards)?;
+    let file = draw(out, boards)?;
     say!("");
     say_picture(&file);
-    args.json.write(&json!({ "sets": boards, "standings": standings }))
+    json.write(&json!({ "sets": boards, "standings": standings }))
 }

@@ -10,8 +10,10 @@ mod table1;
 mod train;
 mod evaluate;
 mod leadtime;
+mod merge;
 mod pictures;
 mod progress;
+mod shards;
 
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -67,6 +69,11 @@ pub(crate) enum LabCommand {
     /// Your own predictors take part as an LSTM (lstm:FILE.safetensors) or as predictions
     /// (file:PREDICTIONS.csv) for the targets that --export-targets writes.
     Leadtime(leadtime::LeadtimeArgs),
+    /// Put the shards of a run together: the same table, JSON and pictures as without --shard
+    ///
+    /// Refuses files of different runs, the same shard twice, and missing shards. Times are those of the
+    /// machines that computed the shards. docs/extend/shards.md has recipes.
+    Merge(merge::MergeArgs),
     /// Train a network on recorded handwriting
     ///
     /// A share of the train writers is held out to choose the best epoch (--final trains on all). The same
@@ -137,6 +144,7 @@ pub(crate) fn run(command: &LabCommand) -> Result<(), Failure> {
         LabCommand::Table1(args) => table1::run(args),
         LabCommand::Evaluate(args) => evaluate::run(args),
         LabCommand::Leadtime(args) => leadtime::run(args),
+        LabCommand::Merge(args) => merge::run(args),
         LabCommand::Train(args) => train::run(args),
         LabCommand::Inputs(args) => inputs::run(args),
         LabCommand::Pictures(args) => pictures::run(args),

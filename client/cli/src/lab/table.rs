@@ -2,12 +2,14 @@
 
 use std::path::Path;
 
-use foretrace_lab::prediction::{Model, RegistryError, Scored, Set, score, work};
+use foretrace_lab::prediction::{Model, RegistryError, Scored, Set, runs, score, work};
+use foretrace_lab::shards::{SetRun, Shard, TableRun, networks, owned, table_part};
 use foretrace_sim::data::Split;
 
 use super::progress::StepProgress;
+use super::shards;
 use crate::failure::Failure;
-use crate::output::note;
+use crate::output::{JsonArgs, note};
 use crate::units::UnitArgs;
 
 /// Loads a set and reports the files left out; strict: a bad file is an error.
@@ -54,4 +56,24 @@ pub(super) fn unknown(error: &RegistryError) -> Failure {
 pub(super) fn scored(models: &[Model], set: &Set) -> Result<Scored, Failure> {
     let progress = StepProgress::of("lab", work(models, set));
     score(models, set, &|| progress.step()).map_err(|error| Failure::bad_input(error, ""))
+}
+
+/// Scores the models on the shard's sequences, and writes what the merge needs.
+pub(super) fn write_shard(
+    json: &JsonArgs,
+    command: &str,
+    shard: Shard,
+    models: &[Model],
+    set: &Set,
+    by_label: bool,
+) -> Result<(), Failure> {
+    let owned = owned(std::slice::from_ref(set), shard).concat();
+    let progress = StepProgress::of("lab", work(models, set));
+    let runs =
+        runs(models, set, &owned, &|| progress.step()).map_err(|error| Failure::bad_input(error, ""))?;
+    drop(progress);
+    let names = models.iter().map(Model::to_string).collect();
+    let run = TableRun { set: SetRun::of(set), models: names, networks: networks(models), by_label };
+    let counts = [owned.iter().filter(|own| **own).count(), owned.len()];
+    shards::write(json, command, shard, run, table_part(set, &owned, &runs), counts)
 }

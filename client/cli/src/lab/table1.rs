@@ -1,16 +1,17 @@
 //! `foretrace lab table1`: the paper's Table 1 with further columns, and its analysis by symbol.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use foretrace_lab::prediction::table as tables;
 use foretrace_lab::prediction::{
-    Model, RetrainError, Set, SymbolAnalysis, TRAINABLE, order, retrain, retrain_epochs,
+    Model, RetrainError, Scored, Set, SymbolAnalysis, TRAINABLE, order, retrain, retrain_epochs,
 };
 use foretrace_sim::data::Split;
 use serde_json::json;
 
 use super::progress::StepProgress;
 use super::say_picture;
+use super::shards::ShardArgs;
 use super::table;
 use crate::failure::Failure;
 use crate::output::{JsonArgs, note, say, say_lines};
@@ -59,15 +60,24 @@ pub(crate) struct Table1Args {
     train: bool,
 
     /// Folder for the pictures
-    #[arg(long, value_name = "DIR", default_value = "foretrace-lab")]
+    #[arg(long, value_name = "DIR", default_value = "foretrace-lab", conflicts_with = "shard")]
     out: PathBuf,
+
+    #[command(flatten)]
+    shard: ShardArgs,
 
     #[command(flatten)]
     json: JsonArgs,
 }
 
+/// As shards of it are named.
+pub(super) const NAME: &str = "table1";
+
 pub(super) fn run(args: &Table1Args) -> Result<(), Failure> {
-    args.json.claim_beside(&args.out)?;
+    match args.shard.shard {
+        Some(_) => args.json.claim()?,
+        None => args.json.claim_beside(&args.out)?,
+    }
     let names = names(args);
     let shipped: Vec<&str> =
         names.iter().map(String::as_str).filter(|name| cells_to_train(args, name).is_none()).collect();
@@ -87,22 +97,35 @@ pub(super) fn run(args: &Table1Args) -> Result<(), Failure> {
             models.insert(index.min(models.len()), trained(name, cells, &set)?);
         }
     }
-    let scored = table::scored(&models, &set)?;
-    say_lines(tables::lines(&set, &scored));
-    let mut json = tables::json(&set, &scored);
-    let symbols = args.by_label.then(|| SymbolAnalysis::of(&set, &scored));
+    if let Some(shard) = args.shard.shard {
+        return table::write_shard(&args.json, NAME, shard, &models, &set, args.by_label);
+    }
+    show(&set, &table::scored(&models, &set)?, args.by_label, &args.out, &args.json)
+}
+
+/// The result, with pictures in `out`.
+pub(super) fn show(
+    set: &Set,
+    scored: &Scored,
+    by_label: bool,
+    out: &Path,
+    to: &JsonArgs,
+) -> Result<(), Failure> {
+    say_lines(tables::lines(set, scored));
+    let mut json = tables::json(set, scored);
+    let symbols = by_label.then(|| SymbolAnalysis::of(set, scored));
     if let Some(symbols) = &symbols {
         say_lines(symbols.lines());
         json["by_label"] = json!({ "labels": symbols.rows, "correlations": symbols.correlations });
     }
     say!("{FOOTER}");
-    let file = tables::draw(&args.out, "table1.svg", "Table 1: predicting the pen", &set, &scored.rows)?;
+    let file = tables::draw(out, "table1.svg", "Table 1: predicting the pen", set, &scored.rows)?;
     say!("");
     say_picture(&file);
-    if let Some(file) = symbols.map(|symbols| symbols.draw(&args.out, &set)).transpose()?.flatten() {
+    if let Some(file) = symbols.map(|symbols| symbols.draw(out, set)).transpose()?.flatten() {
         say_picture(&file);
     }
-    args.json.write(&json)
+    to.write(&json)
 }
 
 /// The models asked for, in order.

@@ -59,6 +59,15 @@ pub(super) struct MethodTask {
     pub(super) tuning: Tuning,
 }
 
+/// A hand without what it wrote.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct HandNames {
+    pub file: String,
+    pub writer: String,
+    /// Of its sequences in order.
+    pub labels: Vec<String>,
+}
+
 struct Job<'a> {
     rival: Rival,
     tuning: &'a Tuning,
@@ -144,27 +153,15 @@ impl Benchmark<'_> {
         replayed.into_iter().next().unwrap_or(Ok(None))
     }
 
-    /// Every score of `outcomes`, those of this benchmark, with the sequence that it belongs to.
-    pub fn each<'a>(&'a self, outcomes: &'a [MethodOutcome]) -> impl Iterator<Item = Each<'a>> {
-        let of = |outcome: &'a MethodOutcome| {
-            let hands = self.arms.iter().find(|(arm, _)| *arm == outcome.arm).map(|(_, hands)| hands);
-            let sequences = hands.into_iter().flatten().flat_map(|hand| {
-                hand.sequences.iter().enumerate().map(move |(index, sequence)| (hand, index, sequence))
-            });
-            sequences.zip(&outcome.scores).filter_map(|((hand, index, sequence), score)| {
-                let (predictor, arm) = (outcome.rival.name(), outcome.arm.name());
-                (*score).map(|score| Each {
-                    predictor,
-                    arm,
-                    file: &hand.file,
-                    writer: &hand.writer,
-                    index,
-                    label: &sequence.label,
-                    score,
-                })
-            })
+    /// The hands of each arm by name.
+    #[must_use]
+    pub fn names(&self) -> Vec<(BenchArm, Vec<HandNames>)> {
+        let named = |hand: &Hand| HandNames {
+            file: hand.file.clone(),
+            writer: hand.writer.clone(),
+            labels: hand.sequences.iter().map(|sequence| sequence.label.clone()).collect(),
         };
-        outcomes.iter().flat_map(of)
+        self.arms.iter().map(|(arm, hands)| (*arm, hands.iter().map(named).collect())).collect()
     }
 
     /// Why the law refuses the settings of `task`, if it does.
@@ -244,6 +241,25 @@ impl Benchmark<'_> {
 }
 
 impl MethodOutcome {
+    /// Every score of `outcomes` with the sequence of `arms` that it belongs to.
+    pub fn each<'a>(
+        arms: &'a [(BenchArm, Vec<HandNames>)],
+        outcomes: &'a [Self],
+    ) -> impl Iterator<Item = Each<'a>> {
+        let of = |outcome: &'a Self| {
+            let hands = arms.iter().find(|(arm, _)| *arm == outcome.arm).map(|(_, hands)| hands);
+            let sequences = hands.into_iter().flatten().flat_map(|hand| {
+                hand.labels.iter().enumerate().map(move |(index, label)| (hand, index, label))
+            });
+            sequences.zip(&outcome.scores).filter_map(|((hand, index, label), score)| {
+                let (predictor, arm) = (outcome.rival.name(), outcome.arm.name());
+                let (file, writer) = (&hand.file, &hand.writer);
+                (*score).map(|score| Each { predictor, arm, file, writer, index, label, score })
+            })
+        };
+        outcomes.iter().flat_map(of)
+    }
+
     /// The table: one row per outcome with anything scored, compared with `hold` in front of the same arm.
     #[must_use]
     pub fn table(outcomes: &[Self]) -> Vec<BenchRow> {

@@ -24,7 +24,7 @@ mod written;
 pub mod pictures;
 
 pub use arm::{BenchArm, Flaws};
-pub use job::{BenchError, Benchmark, MethodOutcome};
+pub use job::{BenchError, Benchmark, HandNames, MethodOutcome};
 pub use pareto::ParetoPoint;
 pub use rival::{Rival, UnknownRival};
 pub use score::{BenchRow, Each, SequenceScore, rows};

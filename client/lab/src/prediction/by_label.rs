@@ -194,6 +194,7 @@ mod tests {
         let v: Vec<[f64; 2]> = points.windows(2).map(|p| [p[1][0] - p[0][0], p[1][1] - p[0][1]]).collect();
         CharacterSequence {
             file: String::new(),
+            writer: String::new(),
             segment: 0,
             label: "x".to_owned(),
             jump: vec![false; v.len()],

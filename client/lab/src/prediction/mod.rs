@@ -27,7 +27,7 @@ pub use registry::{
     Built, CONSTANT_VELOCITY, LSTM_FILE, LSTM_REFERENCE, Model, RegistryError, Setting, names, order,
 };
 pub use retrain::{RetrainError, Retrained, TRAINABLE, retrain, retrain_epochs};
-pub use run::{ByLead, Lead, Row, Run, Scored, preview_all, run, score, train, work};
+pub use run::{ByLead, Lead, Row, Run, Scored, preview_all, run, runs, score, train, work};
 pub use scaled::{RunningScale, Scaled};
 pub use score::{HORIZON, LEADS, Mean, Tally, median, share_below};
 pub use sequence::{CharacterSequence, PADDING_STEPS, sequences};

@@ -215,6 +215,15 @@ impl Model {
         &self.name
     }
 
+    /// The network that was loaded or trained for it: what another run under the same name may not have.
+    #[must_use]
+    pub fn own_network(&self) -> Option<&LstmModel> {
+        match &self.kind {
+            ModelKind::File(model) | ModelKind::Retrained(model, _) => Some(model),
+            _ => None,
+        }
+    }
+
     /// Passes over the train split before scoring.
     #[must_use]
     pub fn passes(&self) -> usize {

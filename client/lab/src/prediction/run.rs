@@ -17,8 +17,8 @@ pub struct Run {
     pub model: String,
     /// Errors per sequence, in the order of the set.
     pub tallies: Vec<Tally>,
-    /// Observing (learning included) and previewing 10 steps, median over sequences \[µs per step\].
-    pub us_per_step: Option<f64>,
+    /// Observing (learning included) and previewing 10 steps, for each sequence \[µs per step\].
+    pub times_us: Vec<f64>,
     /// One training pass, mean over the passes made here \[s\].
     pub train_s_per_epoch: Option<f64>,
     /// Notes on this row.
@@ -30,6 +30,12 @@ impl Run {
     #[must_use]
     pub fn per_sequence(&self) -> Vec<f64> {
         self.tallies.iter().map(|t| t.mse().unwrap_or(f64::NAN)).collect()
+    }
+
+    /// Median over sequences of their times \[µs per step\].
+    #[must_use]
+    pub fn us_per_step(&self) -> Option<f64> {
+        median(self.times_us.iter().copied())
     }
 
     #[must_use]
@@ -95,7 +101,7 @@ impl Row {
             vel_mse: by_lead(&pooled.velocity),
             pos_mse: by_lead(&pooled.position),
             rms_mm_10: pooled.clean_mm2.get().map(f64::sqrt),
-            us_per_step: run.us_per_step,
+            us_per_step: run.us_per_step(),
             train_s_per_epoch: run.train_s_per_epoch,
         }
     }
@@ -110,14 +116,23 @@ impl Row {
 /// # Errors
 /// A model that cannot be built for this set.
 pub fn score(models: &[Model], set: &Set, done: &(dyn Fn() + Sync)) -> Result<Scored, RegistryError> {
-    let jobs = with_references(models);
-    let runs = parallel::map(&jobs, |model| run(model, set, done), || ());
-    let runs: Vec<Run> = runs.into_iter().collect::<Result<_, _>>()?;
-    let errors_of = |name: &str| runs.iter().find(|r| r.model == name).map(Run::per_sequence);
-    let (baseline, lstm) = (errors_of(CONSTANT_VELOCITY), errors_of(LSTM_REFERENCE));
-    let chosen = runs.iter().take(models.len());
-    let rows = chosen.map(|r| Row::of(r, baseline.as_deref(), lstm.as_deref())).collect();
-    Ok(Scored { rows, runs })
+    let owned = vec![true; set.scored.len()];
+    Ok(Scored::of(runs(models, set, &owned, done)?, models.len()))
+}
+
+/// As [`score`], but with errors of the sequences that are `owned` only, and without the rows: those need all
+/// sequences.
+///
+/// # Errors
+/// As [`score`].
+pub fn runs(
+    models: &[Model],
+    set: &Set,
+    owned: &[bool],
+    done: &(dyn Fn() + Sync),
+) -> Result<Vec<Run>, RegistryError> {
+    let runs = parallel::map(&with_references(models), |model| run(model, set, owned, done), || ());
+    runs.into_iter().collect()
 }
 
 /// How often `done` is called by [`score`].
@@ -147,27 +162,43 @@ pub struct Scored {
     pub runs: Vec<Run>,
 }
 
-/// Trains and scores one model.
+impl Scored {
+    /// The rows of the first `chosen` of `runs`, which are over all sequences.
+    #[must_use]
+    pub fn of(runs: Vec<Run>, chosen: usize) -> Self {
+        let errors_of = |name: &str| runs.iter().find(|r| r.model == name).map(Run::per_sequence);
+        let (baseline, lstm) = (errors_of(CONSTANT_VELOCITY), errors_of(LSTM_REFERENCE));
+        let chosen = runs.iter().take(chosen);
+        let rows = chosen.map(|r| Row::of(r, baseline.as_deref(), lstm.as_deref())).collect();
+        Self { rows, runs }
+    }
+}
+
+/// Trains one model and scores it on the sequences that are `owned`; those before them it observes.
 ///
 /// # Errors
 /// The model cannot be built for this set.
-pub fn run(model: &Model, set: &Set, done: &(dyn Fn() + Sync)) -> Result<Run, RegistryError> {
+pub fn run(model: &Model, set: &Set, owned: &[bool], done: &(dyn Fn() + Sync)) -> Result<Run, RegistryError> {
     let (mut contestant, note) = model.build(&Setting::of(set))?;
     let passes = if set.cold { 0 } else { model.passes() };
     let train_s_per_epoch =
         train(&mut *contestant, &set.train, passes, done).or_else(|| model.train_s_per_epoch());
-    let mut times_us = Vec::with_capacity(set.scored.len());
-    let mut tallies = Vec::with_capacity(set.scored.len());
-    let mut previews = Vec::new();
-    for sequence in &set.scored {
-        let started = Instant::now();
-        preview_all(&mut *contestant, sequence, &mut previews);
-        times_us.push(started.elapsed().as_secs_f64() * 1e6 / sequence.v.len().max(1) as f64);
-        tallies.push(Tally::of(sequence, &previews));
+    let (mut times_us, mut tallies, mut previews) = (Vec::new(), Vec::new(), Vec::new());
+    let needed = owned.iter().rposition(|owned| *owned).map_or(0, |last| last + 1);
+    for (sequence, owned) in set.scored.iter().zip(owned).take(needed) {
+        if *owned {
+            let started = Instant::now();
+            preview_all(&mut *contestant, sequence, &mut previews);
+            times_us.push(started.elapsed().as_secs_f64() * 1e6 / sequence.v.len().max(1) as f64);
+            tallies.push(Tally::of(sequence, &previews));
+        } else {
+            contestant.start_sequence();
+            sequence.v.iter().for_each(|v| contestant.observe(*v));
+        }
         done();
     }
-    let us_per_step = median(times_us);
-    Ok(Run { model: model.name().to_owned(), tallies, us_per_step, train_s_per_epoch, note })
+    (needed..set.scored.len()).for_each(|_| done());
+    Ok(Run { model: model.name().to_owned(), tallies, times_us, train_s_per_epoch, note })
 }
 
 /// Passes over the train sequences, then the end of training; the mean time of one pass \[s\], `None` without

@@ -154,6 +154,7 @@ mod tests {
     fn sequence(v: &[[f64; 2]], jumps: &[usize]) -> CharacterSequence {
         CharacterSequence {
             file: "a".to_owned(),
+            writer: String::new(),
             segment: 0,
             label: "x".to_owned(),
             v: v.to_vec(),

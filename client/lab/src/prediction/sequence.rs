@@ -16,6 +16,8 @@ pub const PADDING_STEPS: usize = 5;
 pub struct CharacterSequence {
     /// File as the set's `split.tsv` writes it.
     pub file: String,
+    /// Who wrote it, as the set names them; empty if unknown.
+    pub writer: String,
     /// The n-th character of that file, from 0.
     pub segment: usize,
     pub label: String,
@@ -52,6 +54,7 @@ impl CharacterSequence {
         jump.resize(v.len(), false);
         Some(Self {
             file: file.file.clone(),
+            writer: character.writer.clone(),
             segment: character.segment_index,
             label: character.label.clone(),
             v,

@@ -263,7 +263,8 @@ fn writers_who_take_turns_in_a_file_are_hands_of_their_own() {
             law: LawParameters::SHIPPED,
         };
         let outcomes = benchmark.run(|| {}).unwrap();
-        let each: Vec<_> = benchmark.each(&outcomes).collect();
+        let names = benchmark.names();
+        let each: Vec<_> = MethodOutcome::each(&names, &outcomes).collect();
         each.iter().map(|each| (each.writer.to_owned(), each.index, each.score.mse_m2)).collect::<Vec<_>>()
     };
     let apart = scores([(2, 0), (2, 1), (2, 2), (1, 0), (1, 1), (1, 2)]);

@@ -19,7 +19,7 @@ use crate::output::{note, say, say_lines};
 pub(crate) struct TrialArgs {
     /// Run the law in virtual time in lock-step with the arm that listens at this Unix socket, instead of a
     /// built-in one: docs/extend/judge.md
-    #[arg(long, value_name = "PATH", conflicts_with_all = ["pareto", "each", "arms"])]
+    #[arg(long, value_name = "PATH", conflicts_with_all = ["pareto", "each", "arms", "shard"])]
     arm_socket: Option<PathBuf>,
 
     /// The arm behind the socket may be silent for so long [s]
@@ -27,7 +27,8 @@ pub(crate) struct TrialArgs {
     arm_timeout: f64,
 
     /// Ask for a stop this many seconds after the run began, and end a while after it; one arm, one predictor
-    #[arg(long, value_name = "S", value_parser = crate::values::lasting, conflicts_with_all = ["pareto", "each"])]
+    #[arg(long, value_name = "S", value_parser = crate::values::lasting,
+        conflicts_with_all = ["pareto", "each", "shard"])]
     stop_at: Option<f64>,
 
     /// After a stop, asked for or not, go on for so long [s]
@@ -35,7 +36,7 @@ pub(crate) struct TrialArgs {
     after_stop: f64,
 
     /// Write every tick as CSV: pen, commands, what was measured, mode, stop; one arm, one predictor
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["pareto", "each"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["pareto", "each", "shard"])]
     ticks: Option<PathBuf>,
 }
 

@@ -2,15 +2,12 @@
 
 use serde::Serialize;
 
-use super::super::model::Contestant;
-use super::super::registry::{Model, RegistryError, Setting};
-use super::super::run::train;
+use super::super::registry::{Model, RegistryError};
 use super::super::{Set, glyph_height};
-use super::LEADS_MS;
-use super::bands::Bands;
-use super::file::{BandedPosition, PredictionError, Predictions};
-use super::tally::{LeadRow, LeadTally};
-use super::targets::{Targets, between};
+use super::file::{PredictionError, Predictions};
+use super::predicted::{Predicted, predict};
+use super::tally::LeadRow;
+use super::targets::Targets;
 use crate::parallel;
 
 /// The model that standings are measured against.
@@ -102,147 +99,111 @@ pub fn compare(
     sets: &[Set],
     done: &(dyn Fn() + Sync),
 ) -> Result<(Vec<Board>, Vec<Standing>), BoardError> {
+    fits(entrants, sets)?;
+    let everyone = with_still(entrants)?;
+    let mut boards = Vec::new();
+    for set in sets {
+        let targets = Targets::of(&set.scored);
+        let owned = vec![true; set.scored.len()];
+        let lane = |entrant: &Entrant| -> Result<Option<Lane>, BoardError> {
+            let predicted = predict(entrant, set, &targets, &owned)?;
+            done();
+            Ok(predicted.map(|predicted| predicted.lane(set, &targets)))
+        };
+        let lanes = parallel::map(&everyone, lane, || ());
+        let models = lanes.into_iter().collect::<Result<Vec<_>, _>>()?.into_iter().flatten().collect();
+        boards.push(Board::of(set, &targets, models));
+    }
+    let chosen: Vec<&str> = entrants.iter().map(Entrant::name).collect();
+    Ok(ranked(&chosen, boards))
+}
+
+/// What every entrant, and `hold`, predicts of each set at the instants of the sequences that are owned.
+/// Calls `done` after every pair. `None`: it has no predictions of the set.
+///
+/// # Errors
+/// As [`compare`].
+pub fn predict_all(
+    entrants: &[Entrant],
+    sets: &[Set],
+    owned: &[Vec<bool>],
+    done: &(dyn Fn() + Sync),
+) -> Result<Vec<Vec<Option<Predicted>>>, BoardError> {
+    fits(entrants, sets)?;
+    let everyone = with_still(entrants)?;
+    let of_set = |(set, owned): (&Set, &Vec<bool>)| {
+        let targets = Targets::of(&set.scored);
+        let one = |entrant: &Entrant| {
+            let predicted = predict(entrant, set, &targets, owned);
+            done();
+            predicted
+        };
+        parallel::map(&everyone, one, || ()).into_iter().collect()
+    };
+    sets.iter().zip(owned).map(of_set).collect()
+}
+
+/// The standings of the chosen entrants, and the boards with their lanes only.
+pub fn ranked(chosen: &[&str], mut boards: Vec<Board>) -> (Vec<Board>, Vec<Standing>) {
+    let standings = standings(chosen, &boards);
+    for board in &mut boards {
+        board.models.retain(|lane| chosen.contains(&lane.model.as_str()));
+    }
+    (boards, standings)
+}
+
+fn fits(entrants: &[Entrant], sets: &[Set]) -> Result<(), BoardError> {
     let sequences: Vec<&[_]> = sets.iter().map(|set| set.scored.as_slice()).collect();
     for entrant in entrants {
         if let Entrant::File { predictions, .. } = entrant {
             predictions.about_known_files(&sequences)?;
         }
     }
+    Ok(())
+}
+
+/// The entrants, then the one that standings are measured against, where it is not among them.
+fn with_still(entrants: &[Entrant]) -> Result<Vec<Entrant>, BoardError> {
     let mut everyone = entrants.to_vec();
     if !everyone.iter().any(|e| e.name() == STILL) {
         everyone.push(Entrant::Model(Model::named(STILL)?));
     }
-    let mut boards = Vec::new();
-    for set in sets {
-        boards.push(board(&everyone, set, done)?);
-    }
-    let standings = standings(entrants, &boards);
-    for board in &mut boards {
-        board.models.retain(|lane| entrants.iter().any(|e| e.name() == lane.model));
-    }
-    Ok((boards, standings))
+    Ok(everyone)
 }
 
-fn board(entrants: &[Entrant], set: &Set, done: &(dyn Fn() + Sync)) -> Result<Board, BoardError> {
-    let targets = Targets::of(&set.scored);
-    let unit = set.mm_per_unit();
-    let glyph_height = glyph_height(&set.scored).map(|height| height * unit.map_or(1.0, |[_, y]| y));
-    let lane = |entrant: &Entrant| -> Result<Option<Lane>, BoardError> {
-        let scale = unit.unwrap_or([1.0; 2]);
-        let (tallies, note) = match entrant {
-            Entrant::Model(model) => {
-                let (mut contestant, note) = model.build(&Setting::of(set))?;
-                train(&mut *contestant, &set.train, if set.cold { 0 } else { model.passes() }, &|| ());
-                (walk(&mut *contestant, set, &targets, scale), note)
-            }
-            Entrant::File { predictions, .. } => {
-                match predictions.answers(&set.name, &set.scored, &targets)? {
-                    Some(answers) => (judge(&answers, &targets, scale), None),
-                    None => return Ok(None),
-                }
-            }
-        };
-        done();
-        let leads = tallies.iter().enumerate().map(|(lead, tally)| tally.row(lead, glyph_height)).collect();
-        Ok(Some(Lane { model: entrant.name().to_owned(), leads, note }))
-    };
-    let lanes = parallel::map(entrants, lane, || ());
-    let models = lanes.into_iter().collect::<Result<Vec<_>, _>>()?.into_iter().flatten().collect();
-    let mut rates_hz: Vec<f64> = set.scored.iter().map(|s| s.rate_hz).collect();
-    rates_hz.sort_by(f64::total_cmp);
-    rates_hz.dedup();
-    Ok(Board {
-        set: set.name.clone(),
-        split: set.split.clone(),
-        rates_hz,
-        rate_assumed: set.scored.iter().any(|s| s.rate_assumed),
-        unit: if unit.is_some() { "mm" } else { "raw" }.to_owned(),
-        glyph_height,
-        instants: targets.instants.len(),
-        models,
-    })
-}
-
-/// Lets a model observe the whole set and predict at every instant.
-fn walk(
-    contestant: &mut dyn Contestant,
-    set: &Set,
-    targets: &Targets,
-    unit: [f64; 2],
-) -> [LeadTally; LEADS_MS.len()] {
-    let mut tallies: [LeadTally; LEADS_MS.len()] = Default::default();
-    let mut instants = targets.instants.iter().peekable();
-    let (mut steps, mut path): (Vec<[f64; 2]>, Vec<[f64; 2]>) = (Vec::new(), Vec::new());
-    let mut bands = Bands::untried(|lead| targets.steps_ahead(0, lead));
-    for (index, sequence) in set.scored.iter().enumerate() {
-        contestant.start_sequence();
-        let farthest = targets.steps_ahead(index, LEADS_MS.len() - 1).ceil().max(1.0) as usize;
-        steps.resize(farthest, [0.0; 2]);
-        for (t, v) in sequence.v.iter().enumerate() {
-            contestant.observe(*v);
-            // After step t the newest point is t + 1.
-            bands.observe(t + 1, *v);
-            let Some(instant) = instants.next_if(|i| i.sequence == index && i.point == t + 1) else {
-                continue;
-            };
-            contestant.preview(&mut steps);
-            sum_up(&steps, &mut path);
-            for lead in instant.scored() {
-                let ahead = targets.steps_ahead(index, lead);
-                let (Some(truth), Some(predicted), Some(tally)) =
-                    (targets.truth(index, instant.point, lead), between(&path, ahead), tallies.get_mut(lead))
-                else {
-                    continue;
-                };
-                tally.push(predicted, &truth, bands.at(lead), unit);
-                let [x, y] = truth.position;
-                let due = instant.point + ahead.ceil() as usize;
-                bands.push(lead, due, (predicted[0] - x).hypot(predicted[1] - y), x.hypot(y));
-            }
-        }
-        bands.end_sequence();
-    }
-    tallies
-}
-
-/// Scores answers that stand in the order of the targets.
-fn judge(answers: &[BandedPosition], targets: &Targets, unit: [f64; 2]) -> [LeadTally; LEADS_MS.len()] {
-    let mut tallies: [LeadTally; LEADS_MS.len()] = Default::default();
-    let mut answers = answers.iter();
-    for instant in &targets.instants {
-        let newest = targets.points(instant.sequence).get(instant.point).copied().unwrap_or_default();
-        for lead in instant.scored() {
-            let (Some(answer), Some(truth), Some(tally)) =
-                (answers.next(), targets.truth(instant.sequence, instant.point, lead), tallies.get_mut(lead))
-            else {
-                continue;
-            };
-            let predicted = [answer.position[0] - newest[0], answer.position[1] - newest[1]];
-            tally.push(predicted, &truth, answer.radii, unit);
+impl Board {
+    /// The board of a set with these lanes.
+    #[must_use]
+    pub fn of(set: &Set, targets: &Targets, models: Vec<Lane>) -> Self {
+        let mut rates_hz: Vec<f64> = set.scored.iter().map(|s| s.rate_hz).collect();
+        rates_hz.sort_by(f64::total_cmp);
+        rates_hz.dedup();
+        Self {
+            set: set.name.clone(),
+            split: set.split.clone(),
+            rates_hz,
+            rate_assumed: set.scored.iter().any(|s| s.rate_assumed),
+            unit: if set.mm_per_unit().is_some() { "mm" } else { "raw" }.to_owned(),
+            glyph_height: height(set),
+            instants: targets.instants.len(),
+            models,
         }
     }
-    tallies
 }
 
-/// Positions after 0, 1, 2 ... predicted steps.
-fn sum_up(steps: &[[f64; 2]], path: &mut Vec<[f64; 2]>) {
-    path.clear();
-    let mut at = [0.0; 2];
-    path.push(at);
-    for [x, y] in steps {
-        at = [at[0] + x, at[1] + y];
-        path.push(at);
-    }
+/// Median glyph height in the unit of the board.
+pub(super) fn height(set: &Set) -> Option<f64> {
+    glyph_height(&set.scored).map(|height| height * set.mm_per_unit().map_or(1.0, |[_, y]| y))
 }
 
-fn standings(entrants: &[Entrant], boards: &[Board]) -> Vec<Standing> {
-    let mut standings: Vec<Standing> = entrants
+fn standings(chosen: &[&str], boards: &[Board]) -> Vec<Standing> {
+    let mut standings: Vec<Standing> = chosen
         .iter()
-        .map(|entrant| {
+        .map(|name| {
             let (mut logarithms, mut sets, mut diverged) = (super::super::Mean::default(), 0, false);
             for board in boards {
                 let lane = |name: &str| board.models.iter().find(|lane| lane.model == name);
-                let (Some(lane), Some(still)) = (lane(entrant.name()), lane(STILL)) else { continue };
+                let (Some(lane), Some(still)) = (lane(name), lane(STILL)) else { continue };
                 sets += 1;
                 for (ours, zero) in lane.leads.iter().zip(&still.leads) {
                     let (Some(ours), Some(zero)) = (ours.rms, zero.rms) else { continue };
@@ -254,7 +215,7 @@ fn standings(entrants: &[Entrant], boards: &[Board]) -> Vec<Standing> {
                 }
             }
             let rms_over_zero = if diverged { None } else { logarithms.get().map(f64::exp) };
-            Standing { model: entrant.name().to_owned(), rms_over_zero, sets }
+            Standing { model: (*name).to_owned(), rms_over_zero, sets }
         })
         .collect();
     let last = |s: &Standing| s.rms_over_zero.unwrap_or(f64::INFINITY);

@@ -10,11 +10,13 @@ mod targets;
 mod tally;
 mod bands;
 mod file;
+mod predicted;
 mod board;
 mod shown;
 
-pub use board::{Board, BoardError, Entrant, Lane, Standing, compare};
+pub use board::{Board, BoardError, Entrant, Lane, Standing, compare, predict_all, ranked};
 pub use file::{BandedPosition, PredictionError, Predictions};
+pub use predicted::{LeadAnswers, Predicted};
 pub use shown::{draw, standing_lines};
 pub use tally::{LeadRow, LeadTally};
 pub use targets::{Instant, Targets, Truth, export};

@@ -11,6 +11,7 @@ fn character(segment: usize, points: &[[f64; 2]], jumps: &[usize]) -> CharacterS
     v.extend([[0.0; 2]; 5]);
     CharacterSequence {
         file: "data/a.dat".to_owned(),
+        writer: String::new(),
         segment,
         label: "x".to_owned(),
         jump: (0..v.len()).map(|t| jumps.contains(&t)).collect(),

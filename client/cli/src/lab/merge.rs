@@ -1,0 +1,62 @@
+//! `foretrace lab merge`: the result of a run whose shards were computed apart.
+
+use std::path::PathBuf;
+
+use foretrace_lab::closed_loop::MethodOutcome;
+use foretrace_lab::shards::{MergeError, MergedLeads, MergedLoop, MergedTable, command_of};
+
+use super::{closed_loop, evaluate, leadtime, table1};
+use crate::failure::Failure;
+use crate::output::{JsonArgs, note};
+
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Example:\n  \
+    for i in 1 2 3; do foretrace lab table1 --data unipen-ced --shard $i/3 --json part-$i.json; done\n  \
+    foretrace lab merge part-*.json")]
+pub(crate) struct MergeArgs {
+    /// Files of all shards of one run, in any order
+    #[arg(value_name = "FILE", required = true)]
+    files: Vec<PathBuf>,
+
+    /// Folder for the pictures
+    #[arg(long, value_name = "DIR", default_value = "foretrace-lab")]
+    out: PathBuf,
+
+    #[command(flatten)]
+    json: JsonArgs,
+}
+
+pub(super) fn run(args: &MergeArgs) -> Result<(), Failure> {
+    args.json.claim_beside(&args.out)?;
+    let wrong = |error: MergeError| Failure::bad_input(error, "");
+    let MergeArgs { files, out, json } = args;
+    match command_of(files).map_err(wrong)?.as_str() {
+        closed_loop::NAME => {
+            let merged = MergedLoop::of(files).map_err(wrong)?;
+            let MergedLoop { run, arms, outcomes } = &merged;
+            closed_loop::show(&run.set, outcomes, out)?;
+            note!(
+                "lab: the pictures of single letters need the recordings: the same command without --shard \
+                 makes them"
+            );
+            let each = run.each.then(|| MethodOutcome::each(arms, outcomes).collect());
+            closed_loop::write(json, &run.set, &run.lifts, outcomes, each)
+        }
+        table1::NAME => {
+            let MergedTable { run, set, scored } = MergedTable::of(files).map_err(wrong)?;
+            table1::show(&set, &scored, run.by_label, out, json)
+        }
+        evaluate::NAME => {
+            let MergedTable { set, scored, .. } = MergedTable::of(files).map_err(wrong)?;
+            evaluate::show(&set, &scored, json)
+        }
+        leadtime::NAME => {
+            let MergedLeads { boards, standings } = MergedLeads::of(files).map_err(wrong)?;
+            leadtime::show(&boards, &standings, out, json)
+        }
+        other => Err(Failure::bad_input(
+            format_args!("shards of {other:?}, which this program cannot merge"),
+            "merge with the program that wrote them",
+        )),
+    }
+}

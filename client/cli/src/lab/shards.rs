@@ -1,0 +1,34 @@
+//! `--shard I/N` of the lab's long commands.
+
+use foretrace_lab::shards::{Shard, ShardFile};
+use serde::Serialize;
+
+use crate::failure::Failure;
+use crate::output::{JsonArgs, say};
+
+#[derive(Debug, clap::Args)]
+pub(crate) struct ShardArgs {
+    /// Compute only part I of N, some of the hands, for `foretrace lab merge`: no table and no pictures, all
+    /// numbers go to --json FILE
+    #[arg(long, value_name = "I/N", requires = "json")]
+    pub(super) shard: Option<Shard>,
+}
+
+/// Writes what a shard found, and says how much of `what` it was.
+pub(super) fn write<R: Serialize, P: Serialize>(
+    json: &JsonArgs,
+    command: &str,
+    shard: Shard,
+    run: R,
+    part: P,
+    [own, all]: [usize; 2],
+) -> Result<(), Failure> {
+    let file = ShardFile::new(crate::version::program(), command, shard, run, part);
+    json.write_dense(&file)?;
+    say!(
+        "shard {} of {}: {own} of {all} sequences; with all of them: foretrace lab merge FILES",
+        shard.index,
+        shard.count
+    );
+    Ok(())
+}

@@ -1,0 +1,165 @@
+//! What an entrant predicts of a set, target after target, and how that is scored.
+
+use super::super::Set;
+use super::super::model::Contestant;
+use super::super::registry::Setting;
+use super::super::run::train;
+use super::LEADS_MS;
+use super::bands::Bands;
+use super::board::{BoardError, Entrant, Lane, height};
+use super::file::BandedPosition;
+use super::tally::LeadTally;
+use super::targets::{Targets, between};
+
+/// The predictions of one entrant on one set.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Predicted {
+    pub model: String,
+    /// Notes for the reader.
+    pub note: Option<String>,
+    pub answers: LeadAnswers,
+}
+
+/// One per target of the sequences that were asked for, in the order of the targets \[raw units\].
+#[derive(Debug, Clone, PartialEq)]
+pub enum LeadAnswers {
+    /// Of a model that runs here: displacements since the newest point. It gets bands when it is scored.
+    Here(Vec<[f64; 2]>),
+    /// Positions that came from elsewhere.
+    Elsewhere(Vec<BandedPosition>),
+}
+
+/// What `entrant` predicts at the instants of the sequences that are `owned`; a model observes all sequences
+/// before them. `None`: it has no predictions of this set.
+///
+/// # Errors
+/// A model that cannot start, or predictions that do not fit.
+pub(super) fn predict(
+    entrant: &Entrant,
+    set: &Set,
+    targets: &Targets,
+    owned: &[bool],
+) -> Result<Option<Predicted>, BoardError> {
+    let (answers, note) = match entrant {
+        Entrant::Model(model) => {
+            let (mut contestant, note) = model.build(&Setting::of(set))?;
+            train(&mut *contestant, &set.train, if set.cold { 0 } else { model.passes() }, &|| ());
+            (LeadAnswers::Here(walk(&mut *contestant, set, targets, owned)), note)
+        }
+        Entrant::File { predictions, .. } => {
+            let Some(all) = predictions.answers(&set.name, &set.scored, targets)? else { return Ok(None) };
+            let of_target = targets.instants.iter().flat_map(|i| i.scored().map(|_| i.sequence));
+            let own = all.into_iter().zip(of_target);
+            let own = own.filter(|(_, sequence)| owned.get(*sequence).copied().unwrap_or(false));
+            (LeadAnswers::Elsewhere(own.map(|(answer, _)| answer).collect()), None)
+        }
+    };
+    Ok(Some(Predicted { model: entrant.name().to_owned(), note, answers }))
+}
+
+impl Predicted {
+    /// The lane of these predictions, which are of every target of the set.
+    #[must_use]
+    pub fn lane(&self, set: &Set, targets: &Targets) -> Lane {
+        let scale = set.mm_per_unit().unwrap_or([1.0; 2]);
+        let tallies = match &self.answers {
+            LeadAnswers::Here(displacements) => with_bands(displacements, set, targets, scale),
+            LeadAnswers::Elsewhere(answers) => judge(answers, targets, scale),
+        };
+        let glyph_height = height(set);
+        let leads = tallies.iter().enumerate().map(|(lead, tally)| tally.row(lead, glyph_height)).collect();
+        Lane { model: self.model.clone(), leads, note: self.note.clone() }
+    }
+}
+
+/// Lets a model observe the set up to its last owned sequence, and predict at every instant of those.
+fn walk(contestant: &mut dyn Contestant, set: &Set, targets: &Targets, owned: &[bool]) -> Vec<[f64; 2]> {
+    let mut predictions = Vec::new();
+    let mut instants = targets.instants.iter().peekable();
+    let (mut steps, mut path): (Vec<[f64; 2]>, Vec<[f64; 2]>) = (Vec::new(), Vec::new());
+    let needed = owned.iter().rposition(|owned| *owned).map_or(0, |last| last + 1);
+    for (index, (sequence, owned)) in set.scored.iter().zip(owned).enumerate().take(needed) {
+        contestant.start_sequence();
+        let farthest = targets.steps_ahead(index, LEADS_MS.len() - 1).ceil().max(1.0) as usize;
+        steps.resize(farthest, [0.0; 2]);
+        for (t, v) in sequence.v.iter().enumerate() {
+            contestant.observe(*v);
+            // After step t the newest point is t + 1.
+            let Some(instant) = instants.next_if(|i| i.sequence == index && i.point == t + 1) else {
+                continue;
+            };
+            if !owned {
+                continue;
+            }
+            contestant.preview(&mut steps);
+            sum_up(&steps, &mut path);
+            let ahead = |lead| between(&path, targets.steps_ahead(index, lead)).unwrap_or([f64::NAN; 2]);
+            predictions.extend(instant.scored().map(ahead));
+        }
+    }
+    predictions
+}
+
+/// Scores displacements that stand in the order of the targets, with bands that learn from them.
+fn with_bands(
+    displacements: &[[f64; 2]],
+    set: &Set,
+    targets: &Targets,
+    unit: [f64; 2],
+) -> [LeadTally; LEADS_MS.len()] {
+    let mut tallies: [LeadTally; LEADS_MS.len()] = Default::default();
+    let mut displacements = displacements.iter();
+    let mut instants = targets.instants.iter().peekable();
+    let mut bands = Bands::untried(|lead| targets.steps_ahead(0, lead));
+    for (index, sequence) in set.scored.iter().enumerate() {
+        for (t, v) in sequence.v.iter().enumerate() {
+            bands.observe(t + 1, *v);
+            let Some(instant) = instants.next_if(|i| i.sequence == index && i.point == t + 1) else {
+                continue;
+            };
+            for lead in instant.scored() {
+                let (Some(predicted), Some(truth), Some(tally)) =
+                    (displacements.next(), targets.truth(index, instant.point, lead), tallies.get_mut(lead))
+                else {
+                    continue;
+                };
+                tally.push(*predicted, &truth, bands.at(lead), unit);
+                let [x, y] = truth.position;
+                let due = instant.point + targets.steps_ahead(index, lead).ceil() as usize;
+                bands.push(lead, due, (predicted[0] - x).hypot(predicted[1] - y), x.hypot(y));
+            }
+        }
+        bands.end_sequence();
+    }
+    tallies
+}
+
+/// Scores answers that stand in the order of the targets.
+fn judge(answers: &[BandedPosition], targets: &Targets, unit: [f64; 2]) -> [LeadTally; LEADS_MS.len()] {
+    let mut tallies: [LeadTally; LEADS_MS.len()] = Default::default();
+    let mut answers = answers.iter();
+    for instant in &targets.instants {
+        let newest = targets.points(instant.sequence).get(instant.point).copied().unwrap_or_default();
+        for lead in instant.scored() {
+            let (Some(answer), Some(truth), Some(tally)) =
+                (answers.next(), targets.truth(instant.sequence, instant.point, lead), tallies.get_mut(lead))
+            else {
+                continue;
+            };
+            let predicted = [answer.position[0] - newest[0], answer.position[1] - newest[1]];
+            tally.push(predicted, &truth, answer.radii, unit);
+        }
+    }
+    tallies
+}
+
+/// Positions after 0, 1, 2 ... predicted steps.
+fn sum_up(steps: &[[f64; 2]], path: &mut Vec<[f64; 2]>) {
+    path.clear();
+    let mut at = [0.0; 2];
+    path.push(at);
+    for [x, y] in steps {
+        at = [at[0] + x, at[1] + y];
+        path.push(at);
+    }
+}
