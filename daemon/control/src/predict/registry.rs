@@ -26,6 +26,8 @@ pub enum Needs {
     Network,
     /// The recorded future: experiments only.
     Recording,
+    /// Another process that predicts; a built-in predictor stands in for it.
+    Process,
 }
 
 /// A predictor that consists of a network.
@@ -93,6 +95,12 @@ impl Entry {
         Self { name, about, needs: Needs::Recording, build: |_, _| Ok(None), learner: None, has: |_| true }
     }
 
+    /// The predictor of another process. No member of a panel: the previewer asks for it.
+    #[must_use]
+    pub const fn external(name: &'static str, about: &'static str) -> Self {
+        Self { name, about, needs: Needs::Process, build: |_, _| Ok(None), learner: None, has: |_| true }
+    }
+
     /// Builds it as a member of a panel.
     ///
     /// # Errors
@@ -156,6 +164,8 @@ impl PredictorKind {
     pub const AR_RLS: Self = known("ar-rls");
     /// The predictor of the presets.
     pub const MIXTURE: Self = known("mixture");
+    /// The predictor of another process.
+    pub const EXTERNAL: Self = known("external");
 }
 
 impl PredictorKind {
