@@ -54,6 +54,9 @@ pub(crate) fn run(args: &ReplayArgs) -> Result<(), Failure> {
         ReplayEnd::OfRecording => "the end of the recording".to_owned(),
         ReplayEnd::Gap { next } => format!("a gap: tick {next} is the next one there"),
         ReplayEnd::Incomplete => "a tick whose pen samples are missing".to_owned(),
+        ReplayEnd::NoPreview { tick } => {
+            format!("the preview of another process that tick {tick} was given is missing")
+        }
         ReplayEnd::NoWeights { version } => {
             format!("a tick that was offered weights {version}, which are missing")
         }

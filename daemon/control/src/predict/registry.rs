@@ -136,15 +136,51 @@ impl Blank for PredictorKind {
     }
 }
 
-const LIVE: usize = {
-    let mut live = 0;
-    let mut rest: &[Entry] = REGISTRY;
+/// Whether a list of predictors of a running loop has `entry`; `other_process`: those of other processes too.
+const fn runs(entry: &Entry, other_process: bool) -> bool {
+    match entry.needs {
+        Needs::Nothing | Needs::Network => true,
+        Needs::Process => other_process,
+        Needs::Recording => false,
+    }
+}
+
+/// How many that are.
+const fn running(other_process: bool) -> usize {
+    let (mut count, mut rest) = (0, REGISTRY);
     while let [first, others @ ..] = rest {
-        live += !matches!(first.needs, Needs::Recording) as usize;
+        count += runs(first, other_process) as usize;
         rest = others;
     }
-    live
-};
+    count
+}
+
+/// All `N` of them, in the order of the registry.
+const fn list<const N: usize>(other_process: bool) -> [PredictorKind; N] {
+    let mut all = [PredictorKind(0); N];
+    let (mut room, mut rest, mut index): (&mut [PredictorKind], _, _) = (&mut all, REGISTRY, 0);
+    while let [entry, others @ ..] = rest {
+        if runs(entry, other_process)
+            && let [first, left @ ..] = room
+        {
+            first.0 = index;
+            room = left;
+        }
+        index += 1;
+        rest = others;
+    }
+    all
+}
+
+const fn names<const N: usize>(mut kinds: &[PredictorKind]) -> [&'static str; N] {
+    let mut names = [""; N];
+    let mut room: &mut [&str] = &mut names;
+    while let ([name, left @ ..], [kind, others @ ..]) = (room, kinds) {
+        *name = kind.name();
+        (room, kinds) = (left, others);
+    }
+    names
+}
 
 // Constants for predictors that code names; others need none.
 impl PredictorKind {
@@ -183,35 +219,16 @@ impl PredictorKind {
     };
 
     /// Those available in a running loop: all that need no recording.
-    pub const LIVE: [Self; LIVE] = {
-        let mut live = [Self(0); LIVE];
-        let mut room: &mut [Self] = &mut live;
-        let mut rest: &[Entry] = REGISTRY;
-        let mut index = 0;
-        while let [entry, others @ ..] = rest {
-            if !matches!(entry.needs, Needs::Recording)
-                && let [first, left @ ..] = room
-            {
-                first.0 = index;
-                room = left;
-            }
-            index += 1;
-            rest = others;
-        }
-        live
-    };
+    pub const LIVE: [Self; running(true)] = list(true);
 
     /// Names of [`Self::LIVE`].
-    pub const LIVE_NAMES: [&'static str; LIVE] = {
-        let mut names = [""; LIVE];
-        let mut room: &mut [&str] = &mut names;
-        let mut rest: &[Self] = &Self::LIVE;
-        while let ([name, left @ ..], [kind, others @ ..]) = (room, rest) {
-            *name = kind.name();
-            (room, rest) = (left, others);
-        }
-        names
-    };
+    pub const LIVE_NAMES: [&'static str; running(true)] = names(&Self::LIVE);
+
+    /// Those of them that this process runs itself.
+    pub const BUILT_IN: [Self; running(false)] = list(false);
+
+    /// Names of [`Self::BUILT_IN`].
+    pub const BUILT_IN_NAMES: [&'static str; running(false)] = names(&Self::BUILT_IN);
 
     /// Index in [`Self::ALL`].
     #[must_use]

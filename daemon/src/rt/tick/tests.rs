@@ -9,6 +9,7 @@ use std::cell::Cell;
 use foretrace_control::follower::{EnableReading, JointReading, Rung};
 use foretrace_control::guard::CommandChecker;
 use foretrace_control::pen::PenReading;
+use foretrace_shm::PenStep;
 
 use super::*;
 use crate::ports::{PEN_PER_TICK, PortTally};
@@ -329,6 +330,9 @@ impl Ports for Wasteful {
     fn send(&mut self, now: Stamp, outgoing: &Outgoing) -> bool {
         (0..3).for_each(|_| allocate());
         self.0.send(now, outgoing)
+    }
+    fn send_step(&mut self, now: Stamp, step: PenStep) {
+        self.0.send_step(now, step);
     }
     fn tally(&self) -> &PortTally {
         self.0.tally()

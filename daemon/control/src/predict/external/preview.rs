@@ -1,6 +1,7 @@
 //! A preview that another process made, and why one is not used.
 
 use crate::predict::MAX_PREVIEW;
+use crate::state::{Reader, State, StateError, Writer};
 
 /// Predicted positions of the pen after a closed grid step. Nothing in it is trusted.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -15,6 +16,32 @@ pub struct ExternalPreview {
     pub radii_count: usize,
     /// Radius about each position in which the pen is expected in nine of ten cases \[m\].
     pub radii: [f64; MAX_PREVIEW],
+}
+
+/// Only what counts, because recordings hold one per grid step.
+impl State for ExternalPreview {
+    fn save(&self, to: &mut Writer<'_>) {
+        self.base_index.save(to);
+        self.count.save(to);
+        self.radii_count.save(to);
+        self.positions().iter().for_each(|position| position.save(to));
+        self.radii().iter().for_each(|radius| radius.save(to));
+    }
+
+    fn load(&mut self, from: &mut Reader<'_>) -> Result<(), StateError> {
+        *self = Self::EMPTY;
+        self.base_index.load(from)?;
+        self.count.load(from)?;
+        self.radii_count.load(from)?;
+        let (count, radii_count) = (self.count, self.radii_count);
+        if count <= MAX_PREVIEW {
+            self.positions.iter_mut().take(count).try_for_each(|position| position.load(from))?;
+        }
+        if radii_count <= MAX_PREVIEW {
+            self.radii.iter_mut().take(radii_count).try_for_each(|radius| radius.load(from))?;
+        }
+        Ok(())
+    }
 }
 
 impl ExternalPreview {
