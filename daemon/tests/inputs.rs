@@ -87,9 +87,10 @@ fn again(captured: &Captured) -> usize {
         let weights = given.weights.map(|version| &sets[&version]);
         let preview = given.preview.then(|| {
             let mut preview = ExternalPreview::EMPTY;
-            let kept = captured.snapshots.iter().find(|kept| {
-                (kept.kind, kept.number) == (PieceKind::Preview, input.tick)
-            });
+            let kept = captured
+                .snapshots
+                .iter()
+                .find(|kept| (kept.kind, kept.number) == (PieceKind::Preview, input.tick));
             state::read(&mut preview, &kept.expect("a preview is missing").bytes).unwrap();
             preview
         });

@@ -31,7 +31,9 @@ pub use wire::{
     clock::{host_boot_id, monotonic_now_ns},
     control::{ControlRequest, ControlResponse, MESSAGE_BYTES, ORDER_AHEAD_NS},
     counters::Counters,
-    flags::{arm_flags, command_flags, guard_mask, health, input_flags, missing_rights, pen_flags, preview_flags},
+    flags::{
+        arm_flags, command_flags, guard_mask, health, input_flags, missing_rights, pen_flags, preview_flags,
+    },
     gateway,
     header::{Header, HeaderBounds, HeaderCheck},
     joints::{
@@ -45,7 +47,9 @@ pub use wire::{
     predictor_name::{PREDICTOR_NAME_BYTES, PredictorName},
     refused::{Refused, RejectField},
     robot_mode::{RobotMode, SafetyMode},
-    status::{ExternalState, GhostState, PREVIEW_REFUSALS, PreviewRefusal, Percentiles, Status, Tracking, WayHome},
+    status::{
+        ExternalState, GhostState, PREVIEW_REFUSALS, Percentiles, PreviewRefusal, Status, Tracking, WayHome,
+    },
     stop_detail::{StopCause, StopDetail, ToolExtent},
     tick_input::{PEN_PER_PART, PenInput, TickInput},
     tick_record::{Chain, PATH_POINTS, TickRecord},

@@ -324,8 +324,7 @@ impl ReplayRun<'_> {
         }
         let (law, pen) = (&mut self.law, &self.pen);
         let input_of = given.step_input(pen, set.as_ref(), preview.as_ref());
-        let output = quietly(|| law.tick(&input_of, given.budget))
-            .ok_or(ReplayError::Forged { tick })?;
+        let output = quietly(|| law.tick(&input_of, given.budget)).ok_or(ReplayError::Forged { tick })?;
         self.pen.clear();
         self.next = self.next.saturating_add(1);
         self.compare(input, &wire::tick_input(tick, input.daemon_id, &given, &output));

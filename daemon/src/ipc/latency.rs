@@ -29,7 +29,12 @@ pub struct Latencies {
 impl Latencies {
     #[must_use]
     pub fn new() -> Self {
-        Self { pen_to_command: Meter::new(), command_to_motion: Meter::new(), preview: Recent::default(), pen: None }
+        Self {
+            pen_to_command: Meter::new(),
+            command_to_motion: Meter::new(),
+            preview: Recent::default(),
+            pen: None,
+        }
     }
 
     /// Takes in a tick.

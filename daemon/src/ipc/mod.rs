@@ -28,7 +28,9 @@ use foretrace_control::extent::ExtentWatch;
 use foretrace_control::follower::{Mode, Request};
 use foretrace_control::stop::StopReason;
 use foretrace_control::units::{Stamp, Trust};
-use foretrace_shm::{ExternalState, FaultReason, Refused, ServiceError, Status, StopDetail, ToolExtent, WayHome};
+use foretrace_shm::{
+    ExternalState, FaultReason, Refused, ServiceError, Status, StopDetail, ToolExtent, WayHome,
+};
 
 use crate::alloc_count;
 use crate::learner::{LearnerBoard, LearnerEvent};

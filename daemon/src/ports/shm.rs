@@ -97,10 +97,8 @@ impl Ports for ShmPorts {
         tally.pen_refused = refused(&self.pen);
         tally.joints_refused = refused(&self.joints);
         tally.enable_refused = refused(&self.enable);
-        tally.receive_failures = self.pen.failures()
-            + self.joints.failures()
-            + self.enable.failures()
-            + self.previews.failures();
+        tally.receive_failures =
+            self.pen.failures() + self.joints.failures() + self.enable.failures() + self.previews.failures();
     }
 
     fn send(&mut self, now: Stamp, outgoing: &Outgoing) -> bool {

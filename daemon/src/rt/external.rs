@@ -49,12 +49,7 @@ impl ExternalDoor {
     }
 
     /// Counts what became of `preview`, received at `received`.
-    pub fn count(
-        &mut self,
-        preview: Option<&ExternalPreview>,
-        output: &StepOutput<JOINTS>,
-        received: Stamp,
-    ) {
+    pub fn count(&mut self, preview: Option<&ExternalPreview>, output: &StepOutput<JOINTS>, received: Stamp) {
         self.chosen = output.predictor == PredictorKind::EXTERNAL;
         let verdict = output.external.and_then(|external| external.verdict);
         match verdict {

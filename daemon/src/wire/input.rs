@@ -87,8 +87,20 @@ impl Given {
 /// The first part of a tick's record, without pen samples: fill in those with [`pen_part`].
 #[must_use]
 pub fn tick_input(tick: u64, daemon_id: u64, given: &Given, output: &StepOutput<JOINTS>) -> shm::TickInput {
-    let Given { now, budget, joints, effort, enable, request, halt, weights, preview, unsent, pen_samples, complete } =
-        *given;
+    let Given {
+        now,
+        budget,
+        joints,
+        effort,
+        enable,
+        request,
+        halt,
+        weights,
+        preview,
+        unsent,
+        pen_samples,
+        complete,
+    } = *given;
     let flags = flag(joints.is_some(), input_flags::JOINTS)
         | flag(joints.is_some_and(|joints| joints.motion_allowed), input_flags::MOTION_ALLOWED)
         | flag(enable.is_some(), input_flags::ENABLE)

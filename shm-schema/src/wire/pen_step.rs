@@ -9,10 +9,10 @@ use std::fmt;
 use iceoryx2::prelude::ZeroCopySend;
 
 use super::check::{Rejection, Validate, flags, known, number};
-use super::pen::PEN_POSITION_LIMIT_M;
 use super::flags::preview_flags;
 use super::header::Header;
 use super::layout::wire;
+use super::pen::PEN_POSITION_LIMIT_M;
 use super::vocabulary::{RejectReason, UnknownValue, wire_enum};
 
 /// Positions of a preview at most.

@@ -111,7 +111,9 @@ impl FlightMemory {
         let clock = unix_minus_monotonic();
         let at = |ns: u64| ns.wrapping_add(clock);
         let begin = at(self.inputs.front().map_or(0, |input| input.header.stamp_ns));
-        for thing in self.law.iter().chain(&self.settings).chain(&self.states).chain(&self.sets).chain(&self.previews) {
+        for thing in
+            self.law.iter().chain(&self.settings).chain(&self.states).chain(&self.sets).chain(&self.previews)
+        {
             put_thing(output, begin, thing)?;
         }
         // In order of time, as they came.

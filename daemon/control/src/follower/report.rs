@@ -30,7 +30,18 @@ impl<const N: usize, const J: usize> Follower<N, J> {
     /// The answer of the tick: what the stages handed on, and how they stand. Changes nothing.
     pub(super) fn report(&self, tick: TickReport<J>) -> StepOutput<J> {
         let TickReport {
-            request, answer, gap, health, pen, closed, ahead, trust, external, governor, way, moved
+            request,
+            answer,
+            gap,
+            health,
+            pen,
+            closed,
+            ahead,
+            trust,
+            external,
+            governor,
+            way,
+            moved,
         } = tick;
         let (mode, tracker, previewer) = (self.watch.mode(), self.pen.tracker(), self.prediction.previewer());
         let taken = matches!((request, answer), (Some(Request::Arm | Request::MoveHome), Some(Ok(()))));

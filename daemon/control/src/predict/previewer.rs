@@ -12,8 +12,8 @@ use crate::state::state;
 use thiserror::Error;
 
 use super::bands::{self, BandTable, PreviewBands};
+use super::external::{External, ExternalPreview, ExternalReport, MOST_LATE, PreviewRefusal};
 use super::online::WeightsError;
-use super::external::{MOST_LATE, External, ExternalPreview, ExternalReport, PreviewRefusal};
 use super::{MAX_PREVIEW, Models, Needs, OnlineWeights, Oracle, Panel, PredictorKind, RollOut};
 use crate::pen::{GridStep, Motion, PenError, SpeedScale, SpeedScaleSettings, TARGET_RMS};
 use crate::predict::{LearnStep, PenStep};
@@ -217,11 +217,7 @@ impl Previewer {
 
     /// Takes over what another process predicted, `steps` of which the plan looks at; says why if it is not
     /// used. `None`: it was not asked, another predictor is active.
-    pub fn take(
-        &mut self,
-        preview: &ExternalPreview,
-        steps: usize,
-    ) -> Option<Result<(), PreviewRefusal>> {
+    pub fn take(&mut self, preview: &ExternalPreview, steps: usize) -> Option<Result<(), PreviewRefusal>> {
         let limit_m = self.limit() * self.scale.metres_per_unit();
         let asked = self.active == PredictorKind::EXTERNAL;
         asked.then(|| self.external.take(preview, steps, limit_m))
@@ -272,7 +268,13 @@ impl Previewer {
             self.external.blend(out);
             bands = bands.or_given(|lead| self.external.radius(lead));
         }
-        Some(PreviewReport { base_index: newest.index, base_position: newest.position, finite, limited, bands })
+        Some(PreviewReport {
+            base_index: newest.index,
+            base_position: newest.position,
+            finite,
+            limited,
+            bands,
+        })
     }
 
     /// Makes another predictor active from the next preview on.

@@ -112,6 +112,8 @@ impl External {
     pub(super) fn observe(&mut self, step: &LearnStep) {
         self.steps = self.steps.saturating_add(1);
         self.hits = self.hits.saturating_add(u64::from(self.newest.is_some() && self.age() == Some(0)));
+        // In the step that ends here.
+        let in_time = self.age().is_some_and(|age| age <= self.most_late);
         if step.motion == Motion::Continues {
             self.contest.record(self.pair());
             self.contest.judge(step.position, step.scale_m, self.weight > 0.0);
@@ -124,7 +126,7 @@ impl External {
         }
         self.newest = Some(step.index);
         self.fallback_known = false;
-        let wanted = self.contest.earned() && self.age().is_some_and(|age| age <= self.most_late);
+        let wanted = self.contest.earned() && in_time && self.base.is_some();
         self.weight = (self.weight + if wanted { RISE } else { -FALL }).clamp(0.0, 1.0);
     }
 
