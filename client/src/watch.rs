@@ -47,7 +47,7 @@ pub struct InputWatch {
 }
 
 impl Foretrace {
-    fn watch<T: Message>(&self, topic: &Topic<T>) -> Result<MessageWatch<T>, ServiceError> {
+    pub(crate) fn watch<T: Message>(&self, topic: &Topic<T>) -> Result<MessageWatch<T>, ServiceError> {
         let subscriber = topic.subscriber(T::QOS.buffer, HeaderBounds::DEFAULT)?;
         Ok(MessageWatch { subscriber, _leaving: self.leaving.clone() })
     }
@@ -159,6 +159,23 @@ impl<T: Message> MessageWatch<T> {
     /// Every unread message, oldest first. Returns how many there were.
     pub fn drain(&mut self, mut use_message: impl FnMut(&T)) -> usize {
         self.subscriber.drain(|message| use_message(&message))
+    }
+
+    /// Waits for the next unread message, looking five times per millisecond; `None` when none came in time.
+    pub fn next_within(&mut self, timeout: Duration) -> Option<T> {
+        let deadline = Instant::now() + timeout;
+        loop {
+            // A message that is refused is counted, and the next one looked at.
+            while let Some(message) = self.subscriber.take() {
+                if let Ok(message) = message {
+                    return Some(message);
+                }
+            }
+            if Instant::now() >= deadline {
+                return None;
+            }
+            std::thread::sleep(Duration::from_micros(200));
+        }
     }
 
     /// Messages lost so far between their publisher and here.

@@ -149,6 +149,8 @@ fn follower_settings(
         preview: PreviewSettings {
             step_ns: s.step_ns(),
             kind: s.predictor.kind,
+            fallback: s.predictor.external.fallback,
+            most_late: s.predictor.external.most_late_steps,
             limit_factor: s.predictor.limit_factor,
             peak_fade: s.predictor.peak_fade,
             scale: SpeedScaleSettings {

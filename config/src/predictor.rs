@@ -61,12 +61,16 @@ pub(crate) fn models(settings: &Settings, report: &mut Findings<'_>) -> Option<M
     let key = "predictor.mixture.foresight";
     let foresight = network(key, named.foresight.as_deref(), "foresight", foresight, settings, report);
     let networks = Networks { lstm: alone?, mixture: mixture?, foresight: foresight? };
+    let (key, kind) = match section.kind {
+        PredictorKind::EXTERNAL => ("predictor.external.fallback", section.external.fallback),
+        kind => ("predictor.kind", kind),
+    };
     match Models::new(model_settings(settings), networks) {
-        Ok(models) if models.has(section.kind) => Some(models),
+        Ok(models) if models.has(kind) => Some(models),
         Ok(_) => {
-            let name = section.kind.name();
+            let name = kind.name();
             report.conflict(
-                "predictor.kind",
+                key,
                 format!(
                     "needs a trained network, and none is there for pen.step_ms = \
                          {}",

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use foretrace_config::Config;
 use foretrace_control::follower::{Follower, NoClock};
-use foretrace_control::predict::OnlineWeights;
+use foretrace_control::predict::{ExternalPreview, OnlineWeights};
 use foretrace_control::state;
 use foretrace_shm::{
     Assembly, ControlOp, HeaderBounds, Message, Mode, Piece, PieceKind, Services, Session, Thing, TickInput,
@@ -85,7 +85,17 @@ fn again(captured: &Captured) -> usize {
         let given = wire::given(input).unwrap();
         assert!(given.complete);
         let weights = given.weights.map(|version| &sets[&version]);
-        let output = follower.step(&given.step_input(&pen, weights), given.budget, &mut NoClock);
+        let preview = given.preview.then(|| {
+            let mut preview = ExternalPreview::EMPTY;
+            let kept = captured
+                .snapshots
+                .iter()
+                .find(|kept| (kept.kind, kept.number) == (PieceKind::Preview, input.tick));
+            state::read(&mut preview, &kept.expect("a preview is missing").bytes).unwrap();
+            preview
+        });
+        let input_of = given.step_input(&pen, weights, preview.as_ref());
+        let output = follower.step(&input_of, given.budget, &mut NoClock);
         let mut wanted = wire::tick_input(input.tick, input.daemon_id, &given, &output);
         wanted.header = input.header;
         (wanted.part, wanted.pen) = (input.part, input.pen);

@@ -31,7 +31,9 @@ pub use wire::{
     clock::{host_boot_id, monotonic_now_ns},
     control::{ControlRequest, ControlResponse, MESSAGE_BYTES, ORDER_AHEAD_NS},
     counters::Counters,
-    flags::{arm_flags, command_flags, guard_mask, health, input_flags, missing_rights, pen_flags},
+    flags::{
+        arm_flags, command_flags, guard_mask, health, input_flags, missing_rights, pen_flags, preview_flags,
+    },
     gateway,
     header::{Header, HeaderBounds, HeaderCheck},
     joints::{
@@ -40,12 +42,15 @@ pub use wire::{
     latency::{LATENCY_BINS, Latency},
     layout::{self, Wire},
     pen::{PEN_POSITION_LIMIT_M, PenSample},
+    pen_step::{PREVIEW_STEPS, PenMotion, PenPreview, PenStep},
     piece::{Assembly, LARGEST_THING_BYTES, PIECE_BYTES, Piece, PieceKind, Thing},
     predictor_name::{PREDICTOR_NAME_BYTES, PredictorName},
     python_module::python_module,
     refused::{Refused, RejectField},
     robot_mode::{RobotMode, SafetyMode},
-    status::{GhostState, Percentiles, Status, Tracking, WayHome},
+    status::{
+        ExternalState, GhostState, PREVIEW_REFUSALS, Percentiles, PreviewRefusal, Status, Tracking, WayHome,
+    },
     stop_detail::{StopCause, StopDetail, ToolExtent},
     tick_input::{PEN_PER_PART, PenInput, TickInput},
     tick_record::{Chain, PATH_POINTS, TickRecord},

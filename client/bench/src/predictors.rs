@@ -93,7 +93,7 @@ fn candidates(config: &Config) -> Result<Vec<Candidate>, Failure> {
     // As the loop has it: its network, and as many steps as its plan and dead time ask for.
     let models = config.models();
     let leads = config.learner_settings().leads.last();
-    let others = PredictorKind::LIVE.into_iter().filter(|kind| models.has(*kind));
+    let others = PredictorKind::BUILT_IN.into_iter().filter(|kind| models.has(*kind));
     for kind in others.filter(|kind| !HAVE_ROWS.contains(kind)) {
         candidates.extend(online::of_the_loop(kind, models, leads).map_err(|error| refused(&error))?);
     }
@@ -149,7 +149,7 @@ mod tests {
         let rows = candidates(&Config::preset("ur5").unwrap()).unwrap();
         let costs =
             |kind: &PredictorKind| ![PredictorKind::HOLD, PredictorKind::CONSTANT_VELOCITY].contains(kind);
-        for kind in PredictorKind::LIVE.into_iter().filter(costs) {
+        for kind in PredictorKind::BUILT_IN.into_iter().filter(costs) {
             assert!(rows.iter().any(|row| row.name.starts_with(kind.name())), "{kind:?} has no row");
         }
     }

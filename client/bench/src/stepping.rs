@@ -82,7 +82,7 @@ pub(crate) fn by_predictor<const N: usize>(
     samples: u32,
 ) -> Result<(Vec<PredictorSteps>, CostQuantiles), Failure> {
     let mut loops = Vec::new();
-    for kind in PredictorKind::LIVE.into_iter().filter(|kind| config.models().has(*kind)) {
+    for kind in PredictorKind::BUILT_IN.into_iter().filter(|kind| config.models().has(*kind)) {
         let mut settings = config.follower_settings();
         settings.preview.kind = kind;
         let learner = Learner::new(config.learner_settings(), config.models())

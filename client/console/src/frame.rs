@@ -170,6 +170,11 @@ fn state(status: &Status, remedy: &Remedy) -> Value {
         "trust_target": status.trust_target,
         "trust_reason": TrustReason::try_from(status.trust_reason).map(|reason| reason.to_string()).ok(),
         "predictor": status.predictor.as_str(),
+        "external": (status.external.weight >= 0.0).then(|| json!({
+            "weight": status.external.weight,
+            "hits": status.external.hits,
+            "steps": status.external.steps,
+        })),
         "pen_age_ms": ms(status.pen_age_ns),
         "pen_samples": status.counters.pen_received,
         "pen_rejected": status.counters.pen_rejected.total(),

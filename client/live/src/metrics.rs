@@ -11,8 +11,8 @@ pub use server::{MetricsBoard, serve};
 use std::fmt::{Display, Write as _};
 
 use foretrace_shm::{
-    Counters, FaultReason, LATENCY_BINS, Latency, Mode, REJECT_REASONS, RejectReason, Stage, Status,
-    TrustReason, Wire,
+    Counters, ExternalState, FaultReason, LATENCY_BINS, Latency, Mode, PreviewRefusal, REJECT_REASONS,
+    RejectReason, Stage, Status, TrustReason, Wire,
 };
 
 use crate::stages::Stages;
@@ -121,6 +121,7 @@ pub fn text(status: Option<&Status>, stages: Option<&Stages>, now_ns: u64) -> St
     counter(t, "learner_promotions", "Sets of weights handed to the loop.", status.learner_promotions);
     counter(t, "learner_rollbacks", "Sets of weights rolled back.", status.learner_rollbacks);
     counter(t, "learner_refused", "Sets of weights not handed over.", status.learner_refused);
+    external(t, &status.external);
     counters(t, &status.counters);
     text
 }
@@ -136,6 +137,23 @@ fn histogram(text: &mut String, name: &str, help: &str, latency: &Latency) {
         let _ = writeln!(text, "foretrace_{name}_bucket{{le=\"{edge}\"}} {below}");
     }
     let _ = writeln!(text, "foretrace_{name}_count {below}");
+}
+
+/// The predictor of another process.
+fn external(text: &mut String, state: &ExternalState) {
+    let chosen = state.weight >= 0.0;
+    let weight = if chosen { state.weight } else { f64::NAN };
+    gauge(text, "external_weight", "Part of another process's predictor in the preview.", weight);
+    let latency = if chosen { f64::from(state.latency.p50_ns) * 1e-9 } else { f64::NAN };
+    gauge(text, "external_latency_seconds", "From a grid step to its preview, recent median.", latency);
+    counter(text, "external_steps", "Grid steps that it was sent.", state.steps);
+    counter(text, "external_hits", "Grid steps that it answered in time.", state.hits);
+    let refused = (1..).zip(state.refused).filter_map(|(number, count)| {
+        let why = PreviewRefusal::try_from(number).ok()?;
+        Some((format!("{{reason=\"{why}\"}}"), count as f64))
+    });
+    let help = "Previews of it that were refused.";
+    metric(text, "external_refused_total", "counter", help, &refused.collect::<Vec<_>>());
 }
 
 /// Every counter of the wire under its own name.

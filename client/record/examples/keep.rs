@@ -47,7 +47,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             Content::Thing(thing) => match thing.kind {
                 PieceKind::Law | PieceKind::Settings => thing.number == 0,
                 // Bytes of one build only, and many.
-                PieceKind::State | PieceKind::Weights => false,
+                PieceKind::State | PieceKind::Weights | PieceKind::Preview => false,
             },
             Content::Status(_) => !std::mem::replace(&mut status, true),
             // Follows the raw record of its tick.

@@ -73,7 +73,7 @@ pub fn info(path: &Path) -> Result<Info, RecordError> {
                             let build = String::from_utf8_lossy(&thing.bytes).into_owned();
                             info.laws.insert(thing.daemon_id, build);
                         }
-                        PieceKind::Settings | PieceKind::Weights => {}
+                        PieceKind::Settings | PieceKind::Weights | PieceKind::Preview => {}
                     },
                     Err(RecordError::OtherLayout { topic, .. }) if !info.foreign.contains(&topic) => {
                         info.foreign.push(topic);

@@ -10,7 +10,7 @@ use std::path::Path;
 use foretrace_config::Config;
 use foretrace_control::follower::FollowerError;
 use foretrace_control::pen::PenReading;
-use foretrace_control::predict::OnlineWeights;
+use foretrace_control::predict::{ExternalPreview, OnlineWeights};
 use foretrace_control::state::{self, StateError};
 use foretrace_shm::{PieceKind, Thing, TickInput};
 use foretraced::wire;
@@ -82,6 +82,8 @@ pub enum ReplayEnd {
     Incomplete,
     /// A set of weights is missing.
     NoWeights { version: u64 },
+    /// A preview of another process is missing.
+    NoPreview { tick: u64 },
     /// Another daemon took over.
     OtherDaemon,
     /// The file ends early or is damaged.
@@ -133,6 +135,8 @@ struct Beginning {
     settings: Vec<Thing>,
     states: Vec<Thing>,
     sets: BTreeMap<(u64, u64), Vec<u8>>,
+    /// Previews of another process, by daemon and tick.
+    previews: BTreeMap<(u64, u64), Vec<u8>>,
     /// Daemon, first and last tick of inputs without a gap, in order.
     stretches: Vec<(u64, u64, u64)>,
     damage: Option<String>,
@@ -160,6 +164,9 @@ impl Beginning {
                     PieceKind::Law => found.laws.push(thing),
                     PieceKind::Weights => {
                         found.sets.insert((thing.daemon_id, thing.number), thing.bytes);
+                    }
+                    PieceKind::Preview => {
+                        found.previews.insert((thing.daemon_id, thing.number), thing.bytes);
                     }
                 },
                 _ => {}
@@ -222,6 +229,7 @@ pub fn replay(path: &Path) -> Result<ReplayOutcome, ReplayError> {
         daemon,
         blank: config.follower_settings().weights,
         sets: &beginning.sets,
+        previews: &beginning.previews,
         next: after + 1,
         pen: Vec::new(),
         times: None,
@@ -273,6 +281,7 @@ struct ReplayRun<'a> {
     daemon: u64,
     blank: OnlineWeights,
     sets: &'a BTreeMap<(u64, u64), Vec<u8>>,
+    previews: &'a BTreeMap<(u64, u64), Vec<u8>>,
     next: u64,
     pen: Vec<PenReading>,
     times: Option<(u64, u64)>,
@@ -306,9 +315,16 @@ impl ReplayRun<'_> {
             state::read(&mut weights, bytes)?;
             set = Some(weights);
         }
+        let mut preview = None;
+        if given.preview {
+            let Some(bytes) = self.previews.get(&(self.daemon, tick)) else {
+                return Ok(Some(ReplayEnd::NoPreview { tick }));
+            };
+            state::read(preview.insert(ExternalPreview::EMPTY), bytes)?;
+        }
         let (law, pen) = (&mut self.law, &self.pen);
-        let output = quietly(|| law.tick(&given.step_input(pen, set.as_ref()), given.budget))
-            .ok_or(ReplayError::Forged { tick })?;
+        let input_of = given.step_input(pen, set.as_ref(), preview.as_ref());
+        let output = quietly(|| law.tick(&input_of, given.budget)).ok_or(ReplayError::Forged { tick })?;
         self.pen.clear();
         self.next = self.next.saturating_add(1);
         self.compare(input, &wire::tick_input(tick, input.daemon_id, &given, &output));

@@ -29,6 +29,9 @@ impl ReplayOutcome {
             ReplayEnd::OfRecording => "the end of the recording".to_owned(),
             ReplayEnd::Gap { next } => format!("a gap: tick {next} is the next one there"),
             ReplayEnd::Incomplete => "a tick whose pen samples are missing".to_owned(),
+            ReplayEnd::NoPreview { tick } => {
+                format!("tick {tick}, whose preview of another process is missing")
+            }
             ReplayEnd::NoWeights { version } => {
                 format!("a tick that was offered weights {version}, which are missing")
             }

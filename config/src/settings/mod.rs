@@ -18,8 +18,8 @@ pub use arm::{Arming, EnvelopeSection, Ik, RobotSection, SlowArmChoice, Timing, 
 pub use clearance::ClearanceSection;
 pub use contact::ContactSection;
 pub use foresight::{
-    ArRlsSection, DybmSection, EsnSection, Learner, MixtureSection, Optimiser, Predictor, RefineSection,
-    ScaleSection, TraceChoice, TrustMode, TrustSection,
+    ArRlsSection, DybmSection, EsnSection, ExternalSection, Learner, MixtureSection, Optimiser, Predictor,
+    RefineSection, ScaleSection, TraceChoice, TrustMode, TrustSection,
 };
 pub use hand::Pen;
 pub use payload::PayloadSection;

@@ -10,7 +10,7 @@ use std::collections::VecDeque;
 use crossbeam::channel::Receiver;
 
 use foretrace_control::pen::PenReading;
-use foretrace_control::predict::OnlineWeights;
+use foretrace_control::predict::{ExternalPreview, OnlineWeights};
 use foretrace_control::state;
 use foretrace_shm::layout::fnv1a;
 use foretrace_shm::{PEN_PER_PART, PIECE_BYTES, Piece, PieceKind, Publisher, Thing, TickInput};
@@ -104,11 +104,16 @@ impl Inputs {
                 count += 1;
             }
         }
+        let preview = preview_of(facts.tick, rings);
         if port.subscribers() == 0 {
             return;
         }
         let mut given = facts.given;
-        given.complete &= count == given.pen_samples as usize;
+        given.complete &= count == given.pen_samples as usize && given.preview == preview.is_some();
+        if let Some(bytes) = preview.filter(|_| self.audience != 0).as_ref().and_then(state::bytes_of) {
+            let (kind, number, daemon_id) = (PieceKind::Preview, facts.tick, self.daemon_id);
+            self.send(Thing { kind, number, daemon_id, bytes });
+        }
         let mut input = wire::tick_input(facts.tick, self.daemon_id, &given, &facts.output);
         let pen = pen.get(..count).unwrap_or_default();
         for part in 0..input.parts as usize {
@@ -188,4 +193,14 @@ impl Inputs {
         let hash = fnv1a(&snapshot.bytes);
         self.waiting.push_back(Parcel { snapshot, hash, sent: 0 });
     }
+}
+
+/// The preview of another process that `tick` was given; those of earlier ticks belong to records that found no
+/// room.
+fn preview_of(tick: u64, rings: &mut IpcRings) -> Option<ExternalPreview> {
+    let mut found = None;
+    while rings.previews.peek().is_ok_and(|seen| seen.tick <= tick) {
+        found = rings.previews.pop().ok().filter(|seen| seen.tick == tick).map(|seen| seen.preview);
+    }
+    found
 }

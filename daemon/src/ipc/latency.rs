@@ -6,7 +6,7 @@
 use hdrhistogram::Histogram;
 
 use foretrace_control::units::Stamp;
-use foretrace_shm::{LATENCY_BINS, Latency};
+use foretrace_shm::{LATENCY_BINS, Latency, Percentiles};
 
 use super::statistics::percentiles;
 use crate::rt::facts::TickFacts;
@@ -21,13 +21,20 @@ const KNOWN_S: f64 = 3e-3;
 pub struct Latencies {
     pen_to_command: Meter,
     command_to_motion: Meter,
+    /// From a grid step sent to another process to its preview received, recent.
+    preview: Recent,
     pen: Option<(Stamp, u64)>,
 }
 
 impl Latencies {
     #[must_use]
     pub fn new() -> Self {
-        Self { pen_to_command: Meter::new(), command_to_motion: Meter::new(), pen: None }
+        Self {
+            pen_to_command: Meter::new(),
+            command_to_motion: Meter::new(),
+            preview: Recent::default(),
+            pen: None,
+        }
     }
 
     /// Takes in a tick.
@@ -35,6 +42,9 @@ impl Latencies {
     /// Pen to command: from the device stamp of a pen sample to the first command handed over after it was
     /// received. Command to motion: from there to the command's stamp, plus the measured lag of the arm.
     pub fn tick(&mut self, facts: &TickFacts) {
+        if let Some(ns) = facts.previews.latency_ns {
+            self.preview.add(ns);
+        }
         let output = &facts.output;
         let pen = output.pen_stamp.map(|stamp| (stamp, output.pen_origin.sequence));
         let fresh = pen != self.pen;
@@ -54,6 +64,12 @@ impl Latencies {
         self.pen_to_command.latency()
     }
 
+    /// From a grid step sent to another process to its preview received.
+    #[must_use]
+    pub fn preview(&self) -> Percentiles {
+        self.preview.percentiles()
+    }
+
     /// From the command to its motion.
     #[must_use]
     pub fn command_to_motion(&self) -> Latency {
@@ -64,6 +80,38 @@ impl Latencies {
 impl Default for Latencies {
     fn default() -> Self {
         Self::new()
+    }
+}
+
+/// The newest values, about a second or two of them.
+#[derive(Debug, Default)]
+struct Recent {
+    values: Vec<u64>,
+    next: usize,
+}
+
+/// Values of [`Recent`].
+const RECENT: usize = 200;
+
+impl Recent {
+    fn add(&mut self, ns: u64) {
+        if self.values.len() < RECENT {
+            self.values.push(ns);
+        } else if let Some(slot) = self.values.get_mut(self.next) {
+            *slot = ns;
+        }
+        self.next = (self.next + 1) % RECENT;
+    }
+
+    fn percentiles(&self) -> Percentiles {
+        let mut sorted = self.values.clone();
+        sorted.sort_unstable();
+        let at = |quantile: f64| {
+            let last = sorted.len().saturating_sub(1) as f64;
+            let index = (quantile * last).ceil() as usize;
+            u32::try_from(sorted.get(index).copied().unwrap_or(0)).unwrap_or(u32::MAX)
+        };
+        Percentiles { p50_ns: at(0.5), p99_ns: at(0.99), p99_9_ns: at(0.999), max_ns: at(1.0) }
     }
 }
 

@@ -28,7 +28,9 @@ use foretrace_control::extent::ExtentWatch;
 use foretrace_control::follower::{Mode, Request};
 use foretrace_control::stop::StopReason;
 use foretrace_control::units::{Stamp, Trust};
-use foretrace_shm::{FaultReason, Refused, ServiceError, Status, StopDetail, ToolExtent, WayHome};
+use foretrace_shm::{
+    ExternalState, FaultReason, Refused, ServiceError, Status, StopDetail, ToolExtent, WayHome,
+};
 
 use crate::alloc_count;
 use crate::learner::{LearnerBoard, LearnerEvent};
@@ -331,6 +333,7 @@ impl Ipc {
             chain: record::chain(&self.chain.recent()),
             pen_to_command: self.latencies.pen_to_command(),
             command_to_motion: self.latencies.command_to_motion(),
+            external: ExternalState { latency: self.latencies.preview(), ..ExternalState::NONE },
             learner_updates: learner.updates,
             learner_promotions: learner.promotions,
             learner_rollbacks: learner.rollbacks,

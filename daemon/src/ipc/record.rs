@@ -137,7 +137,7 @@ pub fn tick_record(
         qd,
         trust: output.trust.alpha.alpha(),
         trust_target: output.trust.target.alpha(),
-        confidence: UNKNOWN,
+        confidence: output.external.map_or(UNKNOWN, |external| external.weight),
         trust_reason: wire::trust_reason(output.trust.reason, output.governor).into(),
         rung: wire::rung(output.rung).into(),
         mode: wire::mode(output.mode).into(),
@@ -229,6 +229,12 @@ pub fn newest_tick(status: &mut shm::Status, newest: &TickFacts, ipc: &IpcTally,
     status.trust_reason = wire::trust_reason(output.trust.reason, output.governor).into();
     status.predictor = wire::predictor(output.predictor);
     status.predictor_band_m = output.predictor_band.map_or(UNKNOWN, known);
+    status.external = shm::ExternalState {
+        taken: newest.previews.taken,
+        refused: refused_previews(newest),
+        latency: status.external.latency,
+        ..wire::external_state(output.external.as_ref())
+    };
     status.pen_age_ns = age_ns(now, output.pen_stamp);
     status.joint_state_age_ns = age_ns(now, newest.measured.map(|(stamp, _)| stamp));
     status.pen_refused = wire::refused(refused::pen(newest));
@@ -240,6 +246,13 @@ pub fn newest_tick(status: &mut shm::Status, newest: &TickFacts, ipc: &IpcTally,
     status.arm_line = newest.ports.arm_line;
     status.learner_version = output.weights_version;
     status.learner_age_ns = newest.weights_since.map_or(0, |since| age_ns(now, Some(since)));
+}
+
+/// Previews refused by reason; messages that the port refused were malformed.
+fn refused_previews(facts: &TickFacts) -> [u64; shm::PREVIEW_REFUSALS] {
+    let [malformed, others @ ..] = facts.previews.refused;
+    let [a, b, c, d, e, f] = others;
+    [malformed.saturating_add(facts.ports.previews_rejected), a, b, c, d, e, f]
 }
 
 /// Stage times by their names on the wire. Trust and preview are one stage in this daemon: `Trust` stays 0.

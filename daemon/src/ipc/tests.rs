@@ -7,6 +7,7 @@ use foretrace_control::units::Stamp;
 
 use crate::ports::PortTally;
 use crate::rt::cyclic::Wake;
+use crate::rt::external::ExternalTally;
 use crate::rt::facts::{LoopTally, StageTimes, TickFacts};
 use crate::wire::{Given, JOINTS};
 
@@ -47,5 +48,6 @@ pub(crate) fn facts(tick: u64) -> TickFacts {
         output,
         tally: LoopTally { ticks: tick, ..LoopTally::default() },
         ports: PortTally::default(),
+        previews: ExternalTally::default(),
     }
 }

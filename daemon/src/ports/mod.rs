@@ -9,7 +9,10 @@ pub mod shm;
 use foretrace_control::contact::EffortReading;
 use foretrace_control::follower::{EnableReading, JointReading};
 use foretrace_control::pen::PenReading;
+use foretrace_control::predict::ExternalPreview;
 use foretrace_control::units::Stamp;
+
+use foretrace_shm::PenStep;
 
 use crate::wire::{ArmLine, Echo, JOINTS, Outgoing, REJECT_REASONS, Refused};
 
@@ -27,6 +30,10 @@ pub struct Inbox {
     /// The echo in that joint state, if any.
     pub echo: Option<Echo>,
     pub enable: Option<EnableReading>,
+    /// Whether previews of another process are asked for; set by the tick.
+    pub asks_previews: bool,
+    /// The newest preview of another process.
+    pub preview: Option<ExternalPreview>,
 }
 
 impl Inbox {
@@ -40,6 +47,8 @@ impl Inbox {
             effort: None,
             echo: None,
             enable: None,
+            asks_previews: false,
+            preview: None,
         }
     }
 
@@ -49,6 +58,7 @@ impl Inbox {
         self.effort = None;
         self.echo = None;
         self.enable = None;
+        self.preview = None;
     }
 
     /// Adds a pen sample; `false` when there is no room for it.
@@ -89,6 +99,8 @@ pub struct PortTally {
     /// Joint states refused, by reason.
     pub joints_rejected: [u64; REJECT_REASONS],
     pub enable_rejected: u64,
+    /// Previews of another process whose message was refused.
+    pub previews_rejected: u64,
     /// Dead-man messages missing in the sender's sequence.
     pub enable_dropped: u64,
     /// The newest refused pen sample.
@@ -106,6 +118,8 @@ pub struct PortTally {
     pub commands_sent: u64,
     /// Commands that could not be sent.
     pub commands_failed: u64,
+    /// Grid steps that could not be sent.
+    pub steps_failed: u64,
 }
 
 /// Input and output of one tick.
@@ -115,6 +129,9 @@ pub trait Ports {
 
     /// Sends a command; `false` if it was not sent.
     fn send(&mut self, now: Stamp, outgoing: &Outgoing) -> bool;
+
+    /// Sends a closed grid step to whoever predicts in another process.
+    fn send_step(&mut self, now: Stamp, step: PenStep);
 
     /// The counts so far.
     fn tally(&self) -> &PortTally;

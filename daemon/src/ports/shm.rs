@@ -24,7 +24,9 @@ pub struct ShmPorts {
     pen: Subscriber<shm::PenSample>,
     joints: Subscriber<shm::JointState>,
     enable: Subscriber<shm::Enable>,
+    previews: Subscriber<shm::PenPreview>,
     commands: Publisher<shm::JointCommand>,
+    steps: Publisher<shm::PenStep>,
     tally: PortTally,
 }
 
@@ -39,7 +41,9 @@ impl ShmPorts {
             pen: services.pen.subscriber(shm::PenSample::QOS.buffer, HeaderBounds::DEFAULT)?,
             joints: services.joint_state.subscriber(8, HeaderBounds::DEFAULT)?,
             enable: services.enable.subscriber(shm::Enable::QOS.buffer, HeaderBounds::DEFAULT)?,
+            previews: services.preview.subscriber(shm::PenPreview::QOS.buffer, HeaderBounds::DEFAULT)?,
             commands: services.joint_cmd.publisher()?,
+            steps: services.pen_step.publisher()?,
             tally: PortTally::default(),
         })
     }
@@ -72,6 +76,10 @@ impl Ports for ShmPorts {
             stop |= reading.stop;
             inbox.enable = Some(EnableReading { stop, ..reading });
         });
+        if inbox.asks_previews {
+            self.previews.drain(|message| inbox.preview = Some(wire::external_preview(&message)));
+            self.tally.steps_failed += u64::from(self.steps.connect().is_err());
+        }
 
         let tally = &mut self.tally;
         // Connects an arm that appeared while nothing was commanded, before the first tick that moves.
@@ -85,10 +93,12 @@ impl Ports for ShmPorts {
         tally.joints_rejected = self.joints.rejections().by_reason;
         tally.enable_rejected = self.enable.rejections().total();
         tally.enable_dropped = self.enable.dropped();
+        tally.previews_rejected = self.previews.rejections().total();
         tally.pen_refused = refused(&self.pen);
         tally.joints_refused = refused(&self.joints);
         tally.enable_refused = refused(&self.enable);
-        tally.receive_failures = self.pen.failures() + self.joints.failures() + self.enable.failures();
+        tally.receive_failures =
+            self.pen.failures() + self.joints.failures() + self.enable.failures() + self.previews.failures();
     }
 
     fn send(&mut self, now: Stamp, outgoing: &Outgoing) -> bool {
@@ -96,6 +106,10 @@ impl Ports for ShmPorts {
         let sent = self.commands.publish(outgoing.command.stamp.0, message).is_ok();
         *(if sent { &mut self.tally.commands_sent } else { &mut self.tally.commands_failed }) += 1;
         sent
+    }
+
+    fn send_step(&mut self, now: Stamp, step: shm::PenStep) {
+        self.tally.steps_failed += u64::from(self.steps.publish(now.0, step).is_err());
     }
 
     fn tally(&self) -> &PortTally {
@@ -163,6 +177,8 @@ pub struct PeerWatch {
     joints: PortFactory<ipc::Service, shm::JointState, ()>,
     enable: PortFactory<ipc::Service, shm::Enable, ()>,
     commands: PortFactory<ipc::Service, shm::JointCommand, ()>,
+    previews: PortFactory<ipc::Service, shm::PenPreview, ()>,
+    steps: PortFactory<ipc::Service, shm::PenStep, ()>,
 }
 
 impl PeerWatch {
@@ -182,6 +198,8 @@ impl PeerWatch {
             joints: open(&node)?,
             enable: open(&node)?,
             commands: open(&node)?,
+            previews: open(&node)?,
+            steps: open(&node)?,
             _node: node,
         })
     }
@@ -195,10 +213,9 @@ impl PeerWatch {
         publishers(&self.pen, &mut add);
         publishers(&self.joints, &mut add);
         publishers(&self.enable, &mut add);
-        self.commands.dynamic_config().list_subscribers(|peer| {
-            add(peer.subscriber_id.value());
-            CallbackProgression::Continue
-        });
+        publishers(&self.previews, &mut add);
+        subscribers(&self.commands, &mut add);
+        subscribers(&self.steps, &mut add);
         sum
     }
 }
@@ -206,6 +223,13 @@ impl PeerWatch {
 fn publishers<T: Message>(service: &PortFactory<ipc::Service, T, ()>, add: &mut impl FnMut(u128)) {
     service.dynamic_config().list_publishers(|peer| {
         add(peer.publisher_id.value());
+        CallbackProgression::Continue
+    });
+}
+
+fn subscribers<T: Message>(service: &PortFactory<ipc::Service, T, ()>, add: &mut impl FnMut(u128)) {
+    service.dynamic_config().list_subscribers(|peer| {
+        add(peer.subscriber_id.value());
         CallbackProgression::Continue
     });
 }

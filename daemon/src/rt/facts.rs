@@ -2,10 +2,12 @@
 
 use foretrace_control::follower::{Mode, Refusal, Request, Stage, StageClock, StepOutput};
 use foretrace_control::pen::PenReading;
+use foretrace_control::predict::ExternalPreview;
 use foretrace_control::units::{Stamp, Trust};
 
 use super::clock::Clock;
 use super::cyclic::Wake;
+use super::external::ExternalTally;
 use crate::ports::PortTally;
 use crate::wire::{Echo, Given, JOINTS};
 
@@ -160,6 +162,8 @@ pub struct TickFacts {
     pub tally: LoopTally,
     /// Totals of the ports.
     pub ports: PortTally,
+    /// Totals of the previews of another process.
+    pub previews: ExternalTally,
 }
 
 /// A pen sample and the tick that got it.
@@ -167,6 +171,13 @@ pub struct TickFacts {
 pub struct SeenPen {
     pub tick: u64,
     pub reading: PenReading,
+}
+
+/// A preview of another process and the tick that got it.
+#[derive(Debug, Clone, Copy)]
+pub struct SeenPreview {
+    pub tick: u64,
+    pub preview: ExternalPreview,
 }
 
 /// The state of the law after a tick.

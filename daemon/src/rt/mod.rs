@@ -5,6 +5,7 @@
 pub mod os;
 pub mod clock;
 pub mod cyclic;
+pub mod external;
 pub mod facts;
 pub mod handover;
 pub mod stops;

@@ -15,7 +15,10 @@ use foretrace_control::units::{Stamp, Trust};
 
 use super::clock::Clock;
 use super::cyclic::Wake;
-use super::facts::{LapClock, LoopAnswer, LoopRequest, LoopTally, SeenPen, StateCopy, TickFacts};
+use super::external::ExternalDoor;
+use super::facts::{
+    LapClock, LoopAnswer, LoopRequest, LoopTally, SeenPen, SeenPreview, StateCopy, TickFacts,
+};
 use super::handover::{Mailbox, Outbox, Waiting, handover};
 use super::os;
 use super::overruns::{OverrunDecision, OverrunLimit, Overruns, Solve};
@@ -36,6 +39,8 @@ const LEARN_STEPS: usize = 512;
 const FACTS: usize = 512;
 /// Pen samples that may wait for the ipc thread: some per record.
 const SEEN_PEN: usize = 4096;
+/// Previews of another process that may wait for the ipc thread: half a second at 10 ms.
+const SEEN_PREVIEWS: usize = 64;
 /// Room for the state of the law; a test knows how much of it is used.
 pub const STATE_BYTES: usize = 1 << 20;
 
@@ -44,6 +49,7 @@ pub const STATE_BYTES: usize = 1 << 20;
 pub struct TickRings {
     facts: Producer<TickFacts>,
     pen: Producer<SeenPen>,
+    previews: Producer<SeenPreview>,
     blanks: Consumer<Box<[u8]>>,
     states: Producer<StateCopy>,
     requests: Consumer<LoopRequest>,
@@ -59,6 +65,8 @@ pub struct IpcRings {
     pub facts: Consumer<TickFacts>,
     /// The pen samples of the ticks.
     pub pen: Consumer<SeenPen>,
+    /// The previews of another process that the ticks were given.
+    pub previews: Consumer<SeenPreview>,
     /// Memory for the state of the law: the next tick fills it.
     pub blanks: Producer<Box<[u8]>>,
     pub states: Consumer<StateCopy>,
@@ -80,6 +88,7 @@ pub struct LearnerRings {
 pub fn rings() -> (TickRings, IpcRings, LearnerRings) {
     let (facts, facts_out) = RingBuffer::new(FACTS);
     let (pen, pen_out) = RingBuffer::new(SEEN_PEN);
+    let (previews, previews_out) = RingBuffer::new(SEEN_PREVIEWS);
     let (blanks_in, blanks) = RingBuffer::new(1);
     let (states, states_out) = RingBuffer::new(1);
     let (requests_in, requests) = RingBuffer::new(REQUESTS);
@@ -87,10 +96,11 @@ pub fn rings() -> (TickRings, IpcRings, LearnerRings) {
     let (learn, learn_out) = RingBuffer::new(LEARN_STEPS);
     let (weights_in, weights) = handover(WEIGHTS);
     (
-        TickRings { facts, pen, blanks, states, requests, answers, learn, weights },
+        TickRings { facts, pen, previews, blanks, states, requests, answers, learn, weights },
         IpcRings {
             facts: facts_out,
             pen: pen_out,
+            previews: previews_out,
             blanks: blanks_in,
             states: states_out,
             requests: requests_in,
@@ -124,12 +134,15 @@ pub struct Tick<const N: usize, P> {
     home_token: Option<u64>,
     stops: Stops,
     overruns: Overruns,
+    external: ExternalDoor,
 }
 
 impl<const N: usize, P: Ports> Tick<N, P> {
     /// A body around `follower`; each QP gets at most `max_iterations`.
     pub fn new(follower: Follower<N, JOINTS>, ports: P, rings: TickRings, max_iterations: u32) -> Self {
-        let period_ns = follower.settings().period_ns;
+        let settings = follower.settings();
+        let period_ns = settings.period_ns;
+        let external = ExternalDoor::new(settings.preview.kind, settings.pen.step_ns);
         Self {
             follower,
             ports,
@@ -149,6 +162,7 @@ impl<const N: usize, P: Ports> Tick<N, P> {
             home_token: None,
             stops: Stops::default(),
             overruns: Overruns::new(OverrunLimit::NONE, period_ns),
+            external,
         }
     }
 
@@ -170,6 +184,7 @@ impl<const N: usize, P: Ports> Tick<N, P> {
             self.faults_before = os::page_faults();
         }
         let mut allocations = AllocationMeter::start();
+        self.inbox.asks_previews = self.external.asks();
         allocations.in_ports(|| self.ports.receive(wake.started, &mut self.inbox));
         self.measured = self.inbox.joints.map(|joints| (joints.stamp, joints.q)).or(self.measured);
         self.echo = self.inbox.echo.or(self.echo);
@@ -190,6 +205,7 @@ impl<const N: usize, P: Ports> Tick<N, P> {
             request: if self.leaving { Some(Request::Disarm) } else { request.map(|asked| asked.request) },
             halt: requested.or(late.map(|detail| (StopReason::Overruns, detail))),
             weights: waiting.as_ref().and_then(Waiting::newest),
+            preview: self.inbox.preview.as_ref(),
             unsent: self.unsent,
         };
         let given = Given::of(&input, budget);
@@ -203,6 +219,8 @@ impl<const N: usize, P: Ports> Tick<N, P> {
 
         let published = laps.last();
         self.unsent = !allocations.in_ports(|| self.send(published, &output));
+        self.external.count(self.inbox.preview.as_ref(), &output, wake.started);
+        allocations.in_ports(|| self.external.send(&mut self.ports, published, &output));
         let finished = laps.sent(wake.started);
 
         self.overruns.count(wake, finished, solve);
@@ -250,7 +268,7 @@ impl<const N: usize, P: Ports> Tick<N, P> {
         let (ports, law) = allocations.lap();
         self.tally.port_allocations = self.tally.port_allocations.wrapping_add(ports);
         self.tally.law_allocations = self.tally.law_allocations.wrapping_add(law);
-        let complete = self.keep_pen();
+        let complete = self.keep_pen() & self.keep_preview();
         let facts = TickFacts {
             tick: self.tally.ticks,
             given: Given { complete, ..given },
@@ -268,6 +286,7 @@ impl<const N: usize, P: Ports> Tick<N, P> {
             output,
             tally: self.tally,
             ports: *self.ports.tally(),
+            previews: self.external.tally(),
         };
         if self.rings.facts.push(facts).is_err() {
             self.tally.evidence_dropped += 1;
@@ -282,6 +301,12 @@ impl<const N: usize, P: Ports> Tick<N, P> {
     fn keep_pen(&mut self) -> bool {
         let (tick, pen) = (self.tally.ticks, &mut self.rings.pen);
         self.inbox.pen().iter().all(|reading| pen.push(SeenPen { tick, reading: *reading }).is_ok())
+    }
+
+    /// Hands the preview of another process to the ipc thread; `false` if there was no room for it.
+    fn keep_preview(&mut self) -> bool {
+        let Some(preview) = self.inbox.preview else { return true };
+        self.rings.previews.push(SeenPreview { tick: self.tally.ticks, preview }).is_ok()
     }
 
     /// Copies the state of the law into memory that waits for it: after everything else.

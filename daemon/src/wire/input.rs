@@ -6,7 +6,7 @@
 use foretrace_control::contact::EffortReading;
 use foretrace_control::follower::{Budget, EnableReading, JointReading, Request, StepInput, StepOutput};
 use foretrace_control::pen::{PenOrigin, PenReading};
-use foretrace_control::predict::{OnlineWeights, PredictorKind};
+use foretrace_control::predict::{ExternalPreview, OnlineWeights, PredictorKind};
 use foretrace_control::stop::{StopCause, StopDetail, StopReason};
 use foretrace_control::units::Stamp;
 use foretrace_shm as shm;
@@ -31,6 +31,8 @@ pub struct Given {
     pub halt: Option<(StopReason, StopDetail)>,
     /// Version of the weights offered, if there were any.
     pub weights: Option<u64>,
+    /// A preview of another process came.
+    pub preview: bool,
     /// The command of the tick before was not sent.
     pub unsent: bool,
     /// Pen samples that arrived.
@@ -52,18 +54,20 @@ impl Given {
             request: input.request,
             halt: input.halt,
             weights: input.weights.map(|weights| weights.version),
+            preview: input.preview.is_some(),
             unsent: input.unsent,
             pen_samples: input.pen.len() as u32,
             complete: true,
         }
     }
 
-    /// The law's input with these pen samples and weights.
+    /// The law's input with these pen samples, weights, and preview of another process.
     #[must_use]
     pub fn step_input<'a>(
         &'a self,
         pen: &'a [PenReading],
         weights: Option<&'a OnlineWeights>,
+        preview: Option<&'a ExternalPreview>,
     ) -> StepInput<'a, JOINTS> {
         StepInput {
             now: self.now,
@@ -74,6 +78,7 @@ impl Given {
             request: self.request,
             halt: self.halt,
             weights,
+            preview,
             unsent: self.unsent,
         }
     }
@@ -82,8 +87,20 @@ impl Given {
 /// The first part of a tick's record, without pen samples: fill in those with [`pen_part`].
 #[must_use]
 pub fn tick_input(tick: u64, daemon_id: u64, given: &Given, output: &StepOutput<JOINTS>) -> shm::TickInput {
-    let Given { now, budget, joints, effort, enable, request, halt, weights, unsent, pen_samples, complete } =
-        *given;
+    let Given {
+        now,
+        budget,
+        joints,
+        effort,
+        enable,
+        request,
+        halt,
+        weights,
+        preview,
+        unsent,
+        pen_samples,
+        complete,
+    } = *given;
     let flags = flag(joints.is_some(), input_flags::JOINTS)
         | flag(joints.is_some_and(|joints| joints.motion_allowed), input_flags::MOTION_ALLOWED)
         | flag(enable.is_some(), input_flags::ENABLE)
@@ -91,6 +108,7 @@ pub fn tick_input(tick: u64, daemon_id: u64, given: &Given, output: &StepOutput<
         | flag(request.is_some(), input_flags::REQUEST)
         | flag(halt.is_some(), input_flags::HALT)
         | flag(weights.is_some(), input_flags::WEIGHTS)
+        | flag(preview, input_flags::PREVIEW)
         | flag(budget.shed, input_flags::SHED)
         | flag(output.command.is_some_and(|command| command.enabled), input_flags::ENABLED)
         | flag(unsent, input_flags::UNSENT)
@@ -192,6 +210,7 @@ pub fn given(input: &shm::TickInput) -> Result<Given, &'static str> {
         request,
         halt,
         weights: has(input_flags::WEIGHTS).then_some(input.weights_version),
+        preview: has(input_flags::PREVIEW),
         unsent: has(input_flags::UNSENT),
         pen_samples: input.pen_samples,
         complete: !has(input_flags::INCOMPLETE),

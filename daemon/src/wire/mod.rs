@@ -4,6 +4,7 @@
 //! command). Messages arrive validated; numbers without a field on the wire are omitted here and nowhere
 //! else. Whole records and the status are assembled by the ipc thread (`ipc/record.rs`).
 
+mod external;
 mod input;
 mod messages;
 mod requests;
@@ -11,6 +12,7 @@ mod words;
 mod outcome;
 mod refused;
 
+pub use external::{external_preview, external_state, pen_step};
 pub use input::{Given, given, pen_of, pen_part, tick_input};
 pub use messages::{
     Echo, Outgoing, echo, effort_of, effort_reading, effort_unit, enable_reading, joint_command,

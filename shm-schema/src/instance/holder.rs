@@ -22,6 +22,8 @@ pub enum Place {
     Pen,
     /// Sending the dead-man signal.
     DeadMan,
+    /// Sending previews of the pen.
+    Predictor,
 }
 
 impl Place {
@@ -29,6 +31,7 @@ impl Place {
         match self {
             Self::Pen => "pen.holder",
             Self::DeadMan => "dead-man.holder",
+            Self::Predictor => "predictor.holder",
         }
     }
 }
@@ -38,6 +41,7 @@ impl fmt::Display for Place {
         f.write_str(match self {
             Self::Pen => "the pen",
             Self::DeadMan => "the dead-man switch",
+            Self::Predictor => "the predictor's place",
         })
     }
 }

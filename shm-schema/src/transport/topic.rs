@@ -19,6 +19,7 @@ use crate::wire::check::Validate;
 use crate::wire::header::Header;
 use crate::wire::joints::{Enable, JointCommand, JointState};
 use crate::wire::pen::PenSample;
+use crate::wire::pen_step::{PenPreview, PenStep};
 use crate::wire::piece::Piece;
 use crate::wire::status::Status;
 use crate::wire::tick_input::TickInput;
@@ -79,6 +80,8 @@ message! {
     Enable:       "foretrace/enable",      1, 2,   4, 0;
     TickInput:    "foretrace/inputs",      1, 2, 256, 0;
     Piece:        "foretrace/pieces",      1, 2,  64, 0;
+    PenStep:      "foretrace/pen_step",    1, 4,  64, 0;
+    PenPreview:   "foretrace/preview",     1, 2,   8, 0;
 }
 
 /// Processes that may use one service at the same time.
@@ -177,6 +180,10 @@ pub struct Services {
     pub inputs: Topic<TickInput>,
     /// Settings, weights and states in pieces, from the daemon.
     pub pieces: Topic<Piece>,
+    /// Closed steps of the pen's grid, from the daemon.
+    pub pen_step: Topic<PenStep>,
+    /// Previews of another process, to the daemon.
+    pub preview: Topic<PenPreview>,
     /// Requests.
     pub control: ControlTopic,
 }
@@ -198,6 +205,8 @@ impl Services {
             enable: Topic::create(session)?,
             inputs: Topic::create(session)?,
             pieces: Topic::create(session)?,
+            pen_step: Topic::create(session)?,
+            preview: Topic::create(session)?,
             control: ControlTopic::create(session)?,
         })
     }
@@ -218,6 +227,8 @@ impl Services {
             enable: Topic::open(session)?,
             inputs: Topic::open(session)?,
             pieces: Topic::open(session)?,
+            pen_step: Topic::open(session)?,
+            preview: Topic::open(session)?,
             control: ControlTopic::open(session)?,
         })
     }

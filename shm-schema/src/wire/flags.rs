@@ -46,6 +46,14 @@ wire_flags! {
 }
 
 wire_flags! {
+    /// Bits of `PenPreview::flags`.
+    pub mod preview_flags {
+        /// `radius_m` has values.
+        RADII = 0 => "radii",
+    }
+}
+
+wire_flags! {
     /// Bits of `JointCommand::flags`.
     pub mod command_flags {
         /// The arm must follow; without it the consumer stands still.
@@ -83,6 +91,8 @@ wire_flags! {
         INCOMPLETE = 9 => "incomplete",
         /// The command of the tick before was not sent, or too late to be valid.
         UNSENT = 10 => "unsent",
+        /// A preview of another process came; [`crate::PieceKind::Preview`] has it.
+        PREVIEW = 11 => "preview",
     }
 }
 

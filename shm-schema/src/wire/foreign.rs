@@ -4,13 +4,16 @@
 //! Contract: made from the tables of `wire!`, `wire_enum!` and `wire_flags!` alone.
 
 use super::control::ControlResponse;
-use super::flags::{arm_flags, command_flags, guard_mask, health, missing_rights, pen_flags};
+use super::flags::{
+    arm_flags, command_flags, guard_mask, health, missing_rights, pen_flags, preview_flags,
+};
 use super::joints::{JointCommand, JointState};
 use super::layout::{Wire, WireShape, fnv1a};
 use super::pen::PenSample;
+use super::pen_step::{PenMotion, PenPreview, PenStep};
 use super::refused::RejectField;
 use super::robot_mode::{RobotMode, SafetyMode};
-use super::status::{GhostState, Status};
+use super::status::{GhostState, PreviewRefusal, Status};
 use super::stop_detail::StopCause;
 use super::tick_record::TickRecord;
 use super::vocabulary::{
@@ -22,13 +25,15 @@ use super::vocabulary::{
 pub(super) type WireVariant = (String, i64, &'static str);
 
 /// The messages that a program in another language meets.
-pub(super) const MESSAGES: [WireShape; 6] = [
+pub(super) const MESSAGES: [WireShape; 8] = [
     PenSample::SHAPE,
     JointCommand::SHAPE,
     JointState::SHAPE,
     TickRecord::SHAPE,
     Status::SHAPE,
     ControlResponse::SHAPE,
+    PenStep::SHAPE,
+    PenPreview::SHAPE,
 ];
 
 /// One number for the layout of [`MESSAGES`].
@@ -40,8 +45,10 @@ pub(super) const LAYOUT_HASH: u64 = {
         TickRecord::LAYOUT_HASH,
         Status::LAYOUT_HASH,
         ControlResponse::LAYOUT_HASH,
+        PenStep::LAYOUT_HASH,
+        PenPreview::LAYOUT_HASH,
     ];
-    let mut bytes = [0; 48];
+    let mut bytes = [0; 64];
     let mut i = 0;
     while i < bytes.len() {
         bytes[i] = hashes[i / 8].to_le_bytes()[i % 8];
@@ -63,7 +70,7 @@ pub(super) fn enumerations() -> Vec<(&'static str, Vec<WireVariant>)> {
     }
     of! {
         Mode Rung TrustReason SolverPath FaultReason StopCause SafetyMode RobotMode EffortUnit ControlOp
-        ControlStatus Stage RejectReason RejectField GhostState
+        ControlStatus Stage RejectReason RejectField GhostState PenMotion PreviewRefusal
     }
 }
 
@@ -72,7 +79,7 @@ pub(super) fn flag_words() -> Vec<(&'static str, &'static [(&'static str, u32)])
     macro_rules! of {
         ($($word:ident)+) => {vec![$((stringify!($word), $word::NAMES)),+]};
     }
-    of!(pen_flags command_flags arm_flags guard_mask health missing_rights)
+    of!(pen_flags command_flags arm_flags guard_mask health missing_rights preview_flags)
 }
 
 /// `FooBar2` as `foo_bar2`.

@@ -13,6 +13,7 @@ pub(crate) mod clock;
 pub(crate) mod header;
 pub(crate) mod pen;
 pub mod gateway;
+pub(crate) mod pen_step;
 pub(crate) mod joints;
 pub(crate) mod counters;
 pub(crate) mod arm_lag;

@@ -31,6 +31,8 @@ wire_enum! {
         State = 2 => "state",
         /// The build of the control law, as text; its number is 0.
         Law = 3 => "law",
+        /// A preview of another process, as the law took it; its number is that of the tick.
+        Preview = 4 => "preview",
     }
 }
 

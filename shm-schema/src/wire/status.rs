@@ -100,9 +100,69 @@ wire_enum! {
     }
 }
 
+wire_enum! {
+    /// Why a preview of another process was not used.
+    pub enum PreviewRefusal: u32 {
+        /// None was refused.
+        None = 0 => "none",
+        /// No positions, fewer than were asked for, or more than there is room for; radii for some only.
+        Malformed = 1 => "malformed",
+        /// A position or a radius that is not finite, or a negative radius.
+        NonFinite = 2 => "non-finite",
+        /// For a grid step that had not closed.
+        Ahead = 3 => "ahead",
+        /// For a grid step that was too old.
+        Late = 4 => "late",
+        /// For a grid step of which a preview had come before.
+        Repeated = 5 => "repeated",
+        /// For a grid step of the stroke before.
+        OtherStroke = 6 => "other stroke",
+        /// A displacement much longer than the hand's recent motion.
+        Wild = 7 => "wild",
+    }
+}
+
+/// Reasons of [`PreviewRefusal`], `None` left out.
+pub const PREVIEW_REFUSALS: usize = 7;
+
+wire! {
+    /// The predictor of another process, since it was chosen.
+    "foretrace.ExternalStateV1"
+    pub struct ExternalState {
+        /// Its part in the preview in force, 0 to 1; the rest is the fallback's. Negative: it is not chosen.
+        pub weight: f64,
+        /// Evidence that it is better than the fallback, -10 to 10: used from 5 on, until it falls below 0.
+        pub evidence: f64,
+        /// Grid steps that closed.
+        pub steps: u64,
+        /// Those of them that had a preview of their own before the next one closed.
+        pub hits: u64,
+        /// Previews refused by reason, in the order of [`PreviewRefusal`] from `Malformed` on, since the
+        /// daemon started.
+        pub refused: [u64; PREVIEW_REFUSALS],
+        /// Previews taken, since the daemon started.
+        pub taken: u64,
+        /// From a grid step sent to its preview received, over the last second or two.
+        pub latency: Percentiles,
+    }
+}
+
+impl ExternalState {
+    /// It is not chosen.
+    pub const NONE: Self = Self {
+        weight: -1.0,
+        evidence: 0.0,
+        steps: 0,
+        hits: 0,
+        refused: [0; PREVIEW_REFUSALS],
+        taken: 0,
+        latency: Percentiles { p50_ns: 0, p99_ns: 0, p99_9_ns: 0, max_ns: 0 },
+    };
+}
+
 wire! {
     /// State of the daemon. Distributions are over all ticks since start, after warm-up.
-    "foretrace.StatusV8"
+    "foretrace.StatusV9"
     pub struct Status {
         /// Stamp: when it was sent.
         pub header: Header,
@@ -215,6 +275,8 @@ wire! {
         pub note_since_ns: u64,
         /// That note.
         pub note: NoteWords,
+        /// The predictor of another process.
+        pub external: ExternalState,
         /// Reserved, zero.
         pub reserved: [u64; 2],
     }

@@ -24,6 +24,8 @@ pub(super) struct FlightMemory {
     settings: Option<Thing>,
     states: VecDeque<Thing>,
     sets: VecDeque<Thing>,
+    /// Previews of another process, by tick.
+    previews: VecDeque<Thing>,
     inputs: VecDeque<Box<TickInput>>,
     pub(super) ticks: VecDeque<Box<TickRecord>>,
     offered: OfferedWeights,
@@ -46,6 +48,7 @@ impl FlightMemory {
             PieceKind::Law => self.law = Some(thing),
             PieceKind::Settings => self.settings = Some(thing),
             PieceKind::State => self.states.push_back(thing),
+            PieceKind::Preview => self.previews.push_back(thing),
             PieceKind::Weights => {
                 // Whoever begins to listen again gets the newest ones again.
                 let known = self
@@ -84,6 +87,10 @@ impl FlightMemory {
             self.inputs.pop_front();
         }
         let first = self.inputs.front().map_or(0, |input| input.tick);
+        let kept = |preview: &Thing| preview.daemon_id == daemon && preview.number >= first;
+        while self.previews.front().is_some_and(|preview| !kept(preview)) {
+            self.previews.pop_front();
+        }
         self.states.retain(|state| state.daemon_id == daemon && state.number.saturating_add(1) >= first);
         while self.ticks.front().is_some_and(|record| record.release_ns < oldest_ns) {
             self.ticks.pop_front();
@@ -104,7 +111,9 @@ impl FlightMemory {
         let clock = unix_minus_monotonic();
         let at = |ns: u64| ns.wrapping_add(clock);
         let begin = at(self.inputs.front().map_or(0, |input| input.header.stamp_ns));
-        for thing in self.law.iter().chain(&self.settings).chain(&self.states).chain(&self.sets) {
+        for thing in
+            self.law.iter().chain(&self.settings).chain(&self.states).chain(&self.sets).chain(&self.previews)
+        {
             put_thing(output, begin, thing)?;
         }
         // In order of time, as they came.

@@ -13,41 +13,60 @@ pub(crate) const PATIENCE: Duration = Duration::from_millis(200);
 /// Sets that are remembered: more than are on their way to a loop.
 const KEPT: usize = 16;
 
-/// Daemon and version of a set.
-type WeightsId = (u64, u64);
+/// Daemon, and version of a set or tick of a preview.
+type OfferedId = (u64, u64);
 
-/// The newest set that a tick was offered, until it is whole.
+/// The newest set, and the newest preview of another process, that a tick was offered, until they are whole.
 #[derive(Debug, Default)]
 pub(crate) struct OfferedWeights {
-    missing: Option<WeightsId>,
-    whole: VecDeque<WeightsId>,
+    weights: Due,
+    preview: Due,
+}
+
+#[derive(Debug, Default)]
+struct Due {
+    missing: Option<OfferedId>,
+    whole: VecDeque<OfferedId>,
+}
+
+impl Due {
+    fn offered(&mut self, id: OfferedId) {
+        self.missing = Some(id).filter(|id| !self.whole.contains(id));
+    }
+
+    fn came(&mut self, id: OfferedId) {
+        self.missing = self.missing.filter(|missing| *missing != id);
+        self.whole.push_back(id);
+        if self.whole.len() > KEPT {
+            self.whole.pop_front();
+        }
+    }
 }
 
 impl OfferedWeights {
     /// A tick, and what it was offered.
     pub(crate) fn input(&mut self, input: &TickInput) {
-        let set = (input.daemon_id, input.weights_version);
         if input.flags & input_flags::WEIGHTS != 0 {
-            self.missing = Some(set).filter(|set| !self.whole.contains(set));
+            self.weights.offered((input.daemon_id, input.weights_version));
+        }
+        if input.flags & input_flags::PREVIEW != 0 {
+            self.preview.offered((input.daemon_id, input.tick));
         }
     }
 
     /// Something that is whole.
     pub(crate) fn thing(&mut self, thing: &Thing) {
-        if thing.kind != PieceKind::Weights {
-            return;
-        }
-        let set = (thing.daemon_id, thing.number);
-        self.missing = self.missing.filter(|missing| *missing != set);
-        self.whole.push_back(set);
-        if self.whole.len() > KEPT {
-            self.whole.pop_front();
+        let id = (thing.daemon_id, thing.number);
+        match thing.kind {
+            PieceKind::Weights => self.weights.came(id),
+            PieceKind::Preview => self.preview.came(id),
+            PieceKind::Settings | PieceKind::State | PieceKind::Law => {}
         }
     }
 
-    /// Whether the newest set offered has not come.
+    /// Whether the newest set or preview offered has not come.
     pub(crate) const fn is_due(&self) -> bool {
-        self.missing.is_some()
+        self.weights.missing.is_some() || self.preview.missing.is_some()
     }
 }
 

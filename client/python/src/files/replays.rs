@@ -20,6 +20,7 @@ fn replay(python: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyDict>> {
         ReplayEnd::OfRecording => ("of_recording", None, None),
         ReplayEnd::Gap { next } => ("gap", Some(*next), None),
         ReplayEnd::Incomplete => ("incomplete", None, None),
+        ReplayEnd::NoPreview { tick } => ("no_preview", Some(*tick), None),
         ReplayEnd::NoWeights { version } => ("no_weights", None, Some(*version)),
         ReplayEnd::OtherDaemon => ("other_daemon", None, None),
         ReplayEnd::Damaged { .. } => ("damaged", None, None),

@@ -76,6 +76,7 @@ fn lived() -> Lived {
             request,
             halt: None,
             weights: (tick == 200).then_some(weights.version),
+            preview: false,
             unsent: tick % 70 == 1,
             pen_samples: pen.len() as u32,
             complete: true,

@@ -47,12 +47,13 @@ fn behind_a_servo() -> (Vec<TickInput>, f64, Thing) {
             request: (tick == 5).then_some(Request::Arm),
             halt: None,
             weights: None,
+            preview: false,
             unsent: false,
             pen_samples: pen.len() as u32,
             complete: true,
         };
         let weights = fresh.take();
-        let input = given.step_input(&pen, weights.as_deref());
+        let input = given.step_input(&pen, weights.as_deref(), None);
         let output = follower.step(&input, given.budget, &mut NoClock);
         for step in output.learn.iter().take(output.learn_count) {
             if learner.learn(step).hand_over {

@@ -6,6 +6,7 @@
 
 use foretrace_shm::{Latency, Mode, Stage, Status, TrustReason, missing_rights};
 
+use super::external;
 use super::holders::Holders;
 use super::view::{age, label, milliseconds, refusals, seconds};
 use super::{arm_line, bearing};
@@ -211,6 +212,9 @@ fn figures(status: &Status, holders: &Holders) -> Vec<String> {
         label::<TrustReason>(status.trust_reason),
         status.predictor
     ));
+    if let Some(words) = external::text(&status.external) {
+        lines.push(format!("{:<10}{words}", "external"));
+    }
     lines.push(format!(
         "{:<10}weights {}, {} updates, {} refused",
         "learner", status.learner_version, status.learner_updates, status.learner_refused

@@ -7,7 +7,7 @@ use serde_json::{Map, Value, json};
 
 use super::chain::{self, latency};
 use super::holders::{self, Holders};
-use super::{arm_line, bearing, way_home};
+use super::{arm_line, bearing, external, way_home};
 use crate::extent::ExtentFigures;
 use crate::ghost::Comparison;
 use crate::stopped;
@@ -168,6 +168,9 @@ fn text(status: &Status, holders: &Holders, age_ns: u64) -> String {
             format!(", 90 % within {:.2} mm at the plan's first step", status.predictor_band_m * 1e3)
         }
     ));
+    if let Some(words) = external::text(&status.external) {
+        line(format_args!("external    {words}"));
+    }
     line(format_args!(
         "learner     weights {} ({} old)   {} updates   {} promoted   {} rolled back   {} refused",
         status.learner_version,
@@ -306,6 +309,7 @@ pub fn json(status: &Status, holders: &Holders) -> Value {
             "name": status.predictor.as_str(),
             "rms_m": (status.predictor_rms_m >= 0.0).then_some(status.predictor_rms_m),
             "band_m": (status.predictor_band_m >= 0.0).then_some(status.predictor_band_m),
+            "external": external::json(&status.external),
         },
         "learner": {
             "version": status.learner_version,

@@ -32,6 +32,17 @@ use refine::{RefinePrior, Refiner};
 /// Leads with a record, a share and a correction of their own \[steps\]; farther leads use the last one's.
 pub const LEADS: usize = 24;
 
+/// Who made the preview in force.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum PreviewSource {
+    /// The predictor that made the last one.
+    Same,
+    /// It came after the newest step had closed, in the place of another.
+    LaterThisStep,
+    /// Another predictor than made the past ones.
+    AnotherPredictor,
+}
+
 /// The record of past previews and the corrections of the newest.
 #[derive(Debug)]
 pub(crate) struct Estimate {
@@ -59,25 +70,27 @@ impl Estimate {
     }
 
     /// Judges past previews by the grid steps that `closed`, and records the `preview` that was made from
-    /// them. `switched`: by another predictor than the past ones. Returns what previews are worth at the
+    /// them, or took the place of that. `source` says by whom. Returns what previews are worth at the
     /// `nearest` lead that the plan uses and the one behind it, between which its first step lies, to an arm
     /// that is `saturated` in this share of its motion.
     pub(crate) fn update(
         &mut self,
         closed: &[LearnStep],
-        switched: bool,
+        source: PreviewSource,
         preview: &RefinedPreview,
         nearest: usize,
         saturated: f64,
     ) -> Worth {
         self.record.judge(&mut self.refiner, closed);
-        if switched {
+        if source == PreviewSource::AnotherPredictor {
             self.record.forget();
             self.refiner.forget();
         }
+        let made = NewPreview { base: preview.base_position(), path: preview.predicted() };
         if !closed.is_empty() {
-            self.record
-                .record_preview(&NewPreview { base: preview.base_position(), path: preview.predicted() });
+            self.record.record_preview(&made);
+        } else if source == PreviewSource::LaterThisStep {
+            self.record.replace_preview(&made);
         }
         self.record.report(nearest, nearest + 1, saturated)
     }

@@ -6,8 +6,7 @@ use crate::contact::EffortReading;
 use crate::ik::IkReport;
 use crate::mpc::AxisReport;
 use crate::pen::{PenCounters, PenOrigin, PenReading, PenRefusal};
-use crate::predict::LearnStep;
-use crate::predict::{OnlineWeights, PredictorKind};
+use crate::predict::{ExternalPreview, ExternalReport, LearnStep, OnlineWeights, PredictorKind};
 use crate::state::{choices, state};
 use crate::stop::{StopDetail, StopReason};
 use crate::trust::TrustReport;
@@ -195,6 +194,8 @@ pub struct StepInput<'a, const J: usize> {
     pub halt: Option<(StopReason, StopDetail)>,
     /// Weights promoted by the learner since the last tick.
     pub weights: Option<&'a OnlineWeights>,
+    /// The newest preview of another process that arrived since the last tick.
+    pub preview: Option<&'a ExternalPreview>,
     /// The command of the last step was not sent, or too late to be valid: consumers have the one before.
     pub unsent: bool,
 }
@@ -212,6 +213,7 @@ impl<const J: usize> StepInput<'_, J> {
             request: None,
             halt: None,
             weights: None,
+            preview: None,
             unsent: false,
         }
     }
@@ -273,6 +275,10 @@ pub struct StepOutput<const J: usize> {
     pub trust: TrustReport,
     /// Predictor that made the preview.
     pub predictor: PredictorKind,
+    /// What became of another process's previews, if they are asked for.
+    pub external: Option<ExternalReport>,
+    /// Steps after the newest closed one that the plan looks at: a preview has to have as many.
+    pub preview_steps: usize,
     /// Version of the weights in use (0: those it started with).
     pub weights_version: u64,
     /// κ, the share of the way to the preview that the arm is asked to go \[1\]; below 1 it is saturated in

@@ -35,7 +35,7 @@ use answer::answer;
 use monitor::ArmMonitor;
 use motion::{Followed, Governor, MotionGoal, Mover, Saturation};
 use pen::PenIntake;
-use predict::Prediction;
+use predict::{Prediction, PredictionInput};
 use report::TickReport;
 use trust::{Evidence, TrustStage};
 use watch::ModeWatch;
@@ -172,13 +172,18 @@ impl<const N: usize, const J: usize> Follower<N, J> {
 
         // Predict, with the weights that the learner promoted and the predictor that the operator chose.
         let ahead = self.settings.lookahead(N, self.monitor.dead_time_ns());
-        let (fresh, alpha) = (closed.count > 0, self.trust.alpha());
-        let predicted =
-            self.prediction.update(&mut self.preview, fresh, input.weights, alpha, ahead.steps, &mut health);
+        let news = PredictionInput {
+            closed: closed.count > 0,
+            weights: input.weights,
+            external: input.preview,
+            trust: self.trust.alpha(),
+            steps: ahead.steps,
+        };
+        let predicted = self.prediction.update(&mut self.preview, &news, &mut health);
         // Estimate: what past previews were worth, and what the newest sample changes in this one.
         let (steps, nearest) = (closed.steps(), ahead.nearest_lead);
         let saturated = self.saturation.share();
-        let worth = self.estimate.update(steps, predicted.switched, &self.preview, nearest, saturated);
+        let worth = self.estimate.update(steps, predicted.source(), &self.preview, nearest, saturated);
         let follows = self.watch.follows();
         // No part of a preview is in use.
         if !follows || predicted.switched {
@@ -230,6 +235,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
             closed,
             ahead,
             trust,
+            external: predicted.external,
             governor,
             way,
             moved,

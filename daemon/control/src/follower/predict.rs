@@ -1,9 +1,11 @@
 //! The prediction: predictors observe the steps that closed, and the one in charge makes the preview.
 
 use super::io::{Health, MAX_STEPS_PER_TICK, Refusal};
-use crate::estimate::RefinedPreview;
+use crate::estimate::{PreviewSource, RefinedPreview};
 use crate::pen::{GridStep, Motion};
-use crate::predict::{LearnStep, OnlineWeights, Oracle, PredictorKind, Previewer};
+use crate::predict::{
+    ExternalPreview, ExternalReport, LearnStep, OnlineWeights, Oracle, PredictorKind, Previewer,
+};
 use crate::state::state;
 use crate::units::Trust;
 
@@ -42,6 +44,35 @@ pub(super) struct PredictionReport {
     /// Steps of motion since the memories were emptied.
     pub(super) history: u32,
     pub(super) finite: bool,
+    /// A preview of another process took the place of the one made when the newest step closed.
+    replaced: bool,
+    /// What became of another process's previews, if they are asked for.
+    pub(super) external: Option<ExternalReport>,
+}
+
+impl PredictionReport {
+    /// Who made the preview in force.
+    pub(super) const fn source(&self) -> PreviewSource {
+        match (self.switched, self.replaced) {
+            (true, _) => PreviewSource::AnotherPredictor,
+            (false, true) => PreviewSource::LaterThisStep,
+            (false, false) => PreviewSource::Same,
+        }
+    }
+}
+
+/// What may change the preview in one tick.
+pub(super) struct PredictionInput<'a> {
+    /// A step closed.
+    pub(super) closed: bool,
+    /// The learner promoted them.
+    pub(super) weights: Option<&'a OnlineWeights>,
+    /// Another process predicted.
+    pub(super) external: Option<&'a ExternalPreview>,
+    /// Trust in the preview; another predictor takes over at 0.
+    pub(super) trust: Trust,
+    /// How far the plan looks.
+    pub(super) steps: usize,
 }
 
 impl Prediction {
@@ -95,24 +126,25 @@ impl Prediction {
         closed
     }
 
-    /// Makes the preview again if a step `closed`, the learner promoted `weights`, or another predictor takes
-    /// over, for which `trust` has to be 0.
+    /// Makes the preview again where something changes it: a closed step, other weights, a preview of another
+    /// process, another predictor.
     pub(super) fn update(
         &mut self,
         preview: &mut RefinedPreview,
-        closed: bool,
-        weights: Option<&OnlineWeights>,
-        trust: Trust,
-        steps: usize,
+        input: &PredictionInput<'_>,
         health: &mut Health,
     ) -> PredictionReport {
+        let PredictionInput { closed, weights, external, trust, steps } = *input;
         let weights_refused = weights.map(|weights| self.previewer.set_weights(weights).is_err());
         if weights_refused == Some(true) {
             health.set(Health::WEIGHTS_REFUSED);
         }
         let pending = if trust.alpha() > 0.0 { None } else { self.pending.take() };
         let switched = pending.is_some_and(|kind| self.previewer.choose(kind).is_ok());
-        if closed || weights.is_some() || switched {
+        let verdict = external.and_then(|external| self.previewer.take(external, steps));
+        let taken = verdict == Some(Ok(()));
+        if closed || weights.is_some() || switched || taken {
+            self.previewer.prepare(weights.is_some());
             preview.refresh(&self.previewer, steps);
         }
         if !preview.finite {
@@ -124,6 +156,8 @@ impl Prediction {
             weights_refused,
             history: self.previewer.history(),
             finite: preview.finite,
+            replaced: taken && !closed,
+            external: self.previewer.external(verdict),
         }
     }
 }

@@ -6,6 +6,7 @@ use super::motion::{Gap, MotionReport};
 use super::pen::PenTick;
 use super::predict::ClosedSteps;
 use super::settings::Lookahead;
+use crate::predict::ExternalReport;
 use crate::trust::TrustReport;
 
 /// What the stages handed on.
@@ -18,6 +19,7 @@ pub(super) struct TickReport<const J: usize> {
     pub(super) closed: ClosedSteps,
     pub(super) ahead: Lookahead,
     pub(super) trust: TrustReport,
+    pub(super) external: Option<ExternalReport>,
     pub(super) governor: f64,
     /// What the way home came to.
     pub(super) way: Option<Result<(), Refusal>>,
@@ -27,8 +29,20 @@ pub(super) struct TickReport<const J: usize> {
 impl<const N: usize, const J: usize> Follower<N, J> {
     /// The answer of the tick: what the stages handed on, and how they stand. Changes nothing.
     pub(super) fn report(&self, tick: TickReport<J>) -> StepOutput<J> {
-        let TickReport { request, answer, gap, health, pen, closed, ahead, trust, governor, way, moved } =
-            tick;
+        let TickReport {
+            request,
+            answer,
+            gap,
+            health,
+            pen,
+            closed,
+            ahead,
+            trust,
+            external,
+            governor,
+            way,
+            moved,
+        } = tick;
         let (mode, tracker, previewer) = (self.watch.mode(), self.pen.tracker(), self.prediction.previewer());
         let taken = matches!((request, answer), (Some(Request::Arm | Request::MoveHome), Some(Ok(()))));
         let newest = pen.newest.unwrap_or_default();
@@ -48,6 +62,8 @@ impl<const N: usize, const J: usize> Follower<N, J> {
             trust,
             governor,
             predictor: previewer.active(),
+            external,
+            preview_steps: ahead.steps,
             weights_version: previewer.version(),
             pen_stamp: pen.newest.map(|pen| pen.stamp),
             pen_origin: newest.origin,

@@ -15,8 +15,8 @@ use crate::predict::LearnStep;
 use crate::predict::bands::{BAND_LEADS, BandTable, COVERAGE};
 use crate::predict::{Models, OnlineWeights, Panel, PredictorKind, WeightsError};
 
-/// Predictors that get bands: all but the oracle.
-const KINDS: usize = PredictorKind::LIVE.len();
+/// Predictors that get bands: all but the oracle and those of other processes.
+const KINDS: usize = PredictorKind::BUILT_IN.len();
 /// Steps between two judged previews: those of neighbouring steps are nearly the same.
 const STRIDE: usize = 3;
 /// Most previews waiting for their outcome.
@@ -97,7 +97,7 @@ impl Calibration {
         let paths = [[[0.0; 2]; BAND_LEADS]; KINDS];
         let empty = PendingPreviews { unit_m: 0.0, resting: true, age: 0, way: [0.0; 2], paths };
         let mut factors = [[Factor { ln: 0.0, updates: 0, misses: 0 }; BAND_LEADS]; KINDS];
-        for (kind, of_kind) in PredictorKind::LIVE.into_iter().zip(&mut factors) {
+        for (kind, of_kind) in PredictorKind::BUILT_IN.into_iter().zip(&mut factors) {
             for ((lead, factor), known) in (1..).zip(of_kind).zip(weights.bands.of(kind)) {
                 *factor = Factor::untried(f64::from(lead));
                 if *known > 0.0 {
@@ -141,7 +141,7 @@ impl Calibration {
         previews.unit_m = step.level * step.scale_m;
         previews.resting = step.level <= REST;
         (previews.age, previews.way) = (0, [0.0; 2]);
-        for (kind, path) in PredictorKind::LIVE.into_iter().zip(&mut previews.paths) {
+        for (kind, path) in PredictorKind::BUILT_IN.into_iter().zip(&mut previews.paths) {
             self.panel.roll_out(kind, step.limit, step.scale_m, [0.0; 2], path);
         }
         self.waiting = (self.waiting + 1).min(PENDING);
@@ -151,7 +151,7 @@ impl Calibration {
     #[must_use]
     pub fn table(&self) -> BandTable {
         let mut table = BandTable::default();
-        for (kind, of_kind) in PredictorKind::LIVE.into_iter().zip(&self.factors) {
+        for (kind, of_kind) in PredictorKind::BUILT_IN.into_iter().zip(&self.factors) {
             let Some(out) = table.factors.get_mut(kind.index()) else { continue };
             for (out, factor) in out.iter_mut().zip(of_kind) {
                 *out = factor.get().unwrap_or(0.0) as f32;
@@ -163,7 +163,7 @@ impl Calibration {
     /// Cases judged so far, and how many of them fell outside, for `kind` at `lead` steps.
     #[must_use]
     pub fn judged(&self, kind: PredictorKind, lead: usize) -> (u32, u32) {
-        let index = PredictorKind::LIVE.into_iter().position(|live| live == kind);
+        let index = PredictorKind::BUILT_IN.into_iter().position(|live| live == kind);
         let factor = index
             .and_then(|index| self.factors.get(index))
             .and_then(|factors| factors.get(lead.checked_sub(1)?));

@@ -88,6 +88,19 @@ impl PreviewBands {
         Some((below + part * (above - below)) * self.unit_m)
     }
 
+    /// The same where `given` \[m\], at a lead in steps, says nothing.
+    #[must_use]
+    pub fn or_given(mut self, given: impl Fn(f64) -> Option<f64>) -> Self {
+        if self.unit_m > 0.0 {
+            for (lead, factor) in (1..).zip(&mut self.factors) {
+                if let Some(radius) = given(f64::from(lead)) {
+                    *factor = ((radius / self.unit_m) as f32).clamp(0.0, MAX_FACTOR);
+                }
+            }
+        }
+        self
+    }
+
     fn factor(&self, lead: usize) -> Option<f64> {
         let Some(index) = lead.checked_sub(1) else { return Some(0.0) };
         let factor = f64::from(*self.factors.get(index)?);

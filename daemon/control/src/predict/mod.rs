@@ -12,6 +12,7 @@
 
 pub mod models;
 pub mod bands;
+pub mod external;
 mod member;
 mod online;
 mod online_weights;
@@ -21,6 +22,7 @@ mod registry;
 mod step;
 mod taught;
 
+pub use external::{ExternalPreview, ExternalReport, PreviewRefusal};
 pub use member::AnyPredictor;
 pub use models::{
     ArRls, ArRlsLearner, ArRlsSettings, ArRlsWeights, ConstantVelocity, Dybm, DybmEsn, DybmEsnLearner,

@@ -12,8 +12,9 @@ use crate::state::state;
 use thiserror::Error;
 
 use super::bands::{self, BandTable, PreviewBands};
+use super::external::{External, ExternalPreview, ExternalReport, MOST_LATE, PreviewRefusal};
 use super::online::WeightsError;
-use super::{Models, Needs, OnlineWeights, Oracle, Panel, PredictorKind, RollOut};
+use super::{MAX_PREVIEW, Models, Needs, OnlineWeights, Oracle, Panel, PredictorKind, RollOut};
 use crate::pen::{GridStep, Motion, PenError, SpeedScale, SpeedScaleSettings, TARGET_RMS};
 use crate::predict::{LearnStep, PenStep};
 
@@ -24,6 +25,10 @@ pub struct PreviewSettings {
     pub step_ns: u64,
     /// The predictor that answers first.
     pub kind: PredictorKind,
+    /// The built-in predictor that stands in for another process's.
+    pub fallback: PredictorKind,
+    /// Steps that may close before another process's preview comes, at most [`MOST_LATE`](super::external::MOST_LATE).
+    pub most_late: u32,
     /// Longest predicted displacement in units of the recent peak, at least 1.
     pub limit_factor: f64,
     /// Decay per step of the recent peak, in (0, 1); 0.98 halves it in a third of a second at 10 ms.
@@ -37,6 +42,8 @@ impl Default for PreviewSettings {
         Self {
             step_ns: 10_000_000,
             kind: PredictorKind::MIXTURE,
+            fallback: PredictorKind::MIXTURE,
+            most_late: 2,
             limit_factor: 1.25,
             peak_fade: 0.98,
             scale: SpeedScaleSettings::default(),
@@ -63,6 +70,17 @@ pub enum PreviewError {
         limit_factor: f64,
         /// The refused value, as it was given.
         peak_fade: f64,
+    },
+    /// Nobody to stand in for another process, or too old previews.
+    #[error(
+        "predictor external needs a built-in predictor that stands in for it, {fallback} is none; its \
+         previews may be {most_late} steps late, legal are 0 to 8"
+    )]
+    External {
+        /// The refused value, as it was given.
+        fallback: &'static str,
+        /// The refused value, as it was given.
+        most_late: u32,
     },
     /// No recording was loaded.
     #[error("predictor {predictor} needs a recording: it is for experiments, choose another predictor")]
@@ -111,10 +129,11 @@ pub struct Previewer {
     peak: f64,
     /// Recent mean of |x|² \[in the plane, squared\].
     level_square: f64,
+    external: Box<External>,
 }
 
 state! {
-    [] Previewer { active, scale, panel, version, bands, newest, history, peak, level_square }
+    [] Previewer { active, scale, panel, version, bands, newest, history, peak, level_square, external }
     fixed { settings }
 }
 
@@ -129,13 +148,16 @@ impl Previewer {
         models: &Models,
         weights: &OnlineWeights,
     ) -> Result<Self, PreviewError> {
-        let PreviewSettings { limit_factor, peak_fade, .. } = settings;
+        let PreviewSettings { limit_factor, peak_fade, fallback, most_late, .. } = settings;
         if !((1.0..=10.0).contains(&limit_factor) && (0.5..=0.999).contains(&peak_fade)) {
             return Err(PreviewError::Limit { limit_factor, peak_fade });
         }
+        if fallback.needs() == Needs::Process || most_late > MOST_LATE {
+            return Err(PreviewError::External { fallback: fallback.name(), most_late });
+        }
         weights.fits(settings.step_ns)?;
         let panel = Panel::new(models, weights)?;
-        offered(&panel, settings.kind)?;
+        offered(&panel, settings.kind, &settings)?;
         Ok(Self {
             settings,
             active: settings.kind,
@@ -147,6 +169,7 @@ impl Previewer {
             history: 0,
             peak: 0.0,
             level_square: 0.0,
+            external: Box::new(External::new(most_late)),
         })
     }
 
@@ -177,7 +200,7 @@ impl Previewer {
         }
         let scale_m = self.scale.metres_per_unit();
         self.panel.set_cursor(step.index, scale_m);
-        LearnStep {
+        let step = LearnStep {
             index: step.index,
             motion,
             position: step.position,
@@ -185,7 +208,37 @@ impl Previewer {
             scale_m,
             limit: self.limit(),
             level: bands::level(self.level_square),
+        };
+        if self.active == PredictorKind::EXTERNAL {
+            self.external.observe(&step);
         }
+        step
+    }
+
+    /// Takes over what another process predicted, `steps` of which the plan looks at; says why if it is not
+    /// used. `None`: it was not asked, another predictor is active.
+    pub fn take(&mut self, preview: &ExternalPreview, steps: usize) -> Option<Result<(), PreviewRefusal>> {
+        let limit_m = self.limit() * self.scale.metres_per_unit();
+        let asked = self.active == PredictorKind::EXTERNAL;
+        asked.then(|| self.external.take(preview, steps, limit_m))
+    }
+
+    /// Before previews of another process, where they are asked for: what stands in for them after the newest
+    /// step, made once per step, or `again` with other weights.
+    pub fn prepare(&mut self, again: bool) {
+        if self.active != PredictorKind::EXTERNAL || (self.external.fallback().is_some() && !again) {
+            return;
+        }
+        let mut positions = [[0.0; 2]; MAX_PREVIEW];
+        if self.preview_of(self.settings.fallback, &mut positions).is_some() {
+            self.external.stand_in(&positions);
+        }
+    }
+
+    /// What became of another process's previews; `verdict` of the one that came in this tick.
+    #[must_use]
+    pub fn external(&self, verdict: Option<Result<(), PreviewRefusal>>) -> Option<ExternalReport> {
+        (self.active == PredictorKind::EXTERNAL).then(|| self.external.report(verdict))
     }
 
     /// Predicts positions \[m\] at the grid points after the newest closed step with the active predictor;
@@ -199,15 +252,28 @@ impl Previewer {
     pub fn preview_of(&self, kind: PredictorKind, out: &mut [[f64; 2]]) -> Option<PreviewReport> {
         let newest = self.newest?;
         let scale_m = self.scale.metres_per_unit();
-        let RollOut { finite, limited } =
-            self.panel.roll_out(kind, self.limit(), scale_m, newest.position, out);
+        let external = kind == PredictorKind::EXTERNAL;
+        let kind = if external { self.settings.fallback } else { kind };
+        let RollOut { finite, limited } = match self.external.fallback().filter(|_| external) {
+            // Made after this step already.
+            Some(known) if out.len() <= known.len() => {
+                out.iter_mut().zip(known).for_each(|(slot, position)| *slot = *position);
+                RollOut { finite: true, limited: 0 }
+            }
+            _ => self.panel.roll_out(kind, self.limit(), scale_m, newest.position, out),
+        };
         let unit_m = scale_m * bands::level(self.level_square);
+        let mut bands = PreviewBands::new(*self.bands.of(kind), unit_m);
+        if external {
+            self.external.blend(out);
+            bands = bands.or_given(|lead| self.external.radius(lead));
+        }
         Some(PreviewReport {
             base_index: newest.index,
             base_position: newest.position,
             finite,
             limited,
-            bands: PreviewBands::new(*self.bands.of(kind), unit_m),
+            bands,
         })
     }
 
@@ -217,7 +283,10 @@ impl Previewer {
     ///
     /// A predictor that is absent; the old one stays.
     pub fn choose(&mut self, kind: PredictorKind) -> Result<(), PreviewError> {
-        offered(&self.panel, kind)?;
+        offered(&self.panel, kind, &self.settings)?;
+        if kind == PredictorKind::EXTERNAL && self.active != kind {
+            *self.external = External::new(self.settings.most_late);
+        }
         self.active = kind;
         Ok(())
     }
@@ -225,7 +294,7 @@ impl Previewer {
     /// `kind` can be chosen.
     #[must_use]
     pub fn offers(&self, kind: PredictorKind) -> bool {
-        self.panel.offers(kind)
+        offered(&self.panel, kind, &self.settings).is_ok()
     }
 
     /// The predictor that answers now.
@@ -300,11 +369,12 @@ impl Previewer {
 }
 
 /// Why `kind` is not available.
-fn offered(panel: &Panel, kind: PredictorKind) -> Result<(), PreviewError> {
-    let predictor = kind.name();
-    match kind.needs() {
-        _ if panel.offers(kind) => Ok(()),
+fn offered(panel: &Panel, kind: PredictorKind, settings: &PreviewSettings) -> Result<(), PreviewError> {
+    let answers = if kind.needs() == Needs::Process { settings.fallback } else { kind };
+    let predictor = answers.name();
+    match answers.needs() {
+        _ if panel.offers(answers) => Ok(()),
         Needs::Network => Err(PreviewError::NoNetwork { predictor }),
-        Needs::Recording | Needs::Nothing => Err(PreviewError::NoRecording { predictor }),
+        Needs::Recording | Needs::Nothing | Needs::Process => Err(PreviewError::NoRecording { predictor }),
     }
 }

@@ -26,6 +26,8 @@ pub enum Needs {
     Network,
     /// The recorded future: experiments only.
     Recording,
+    /// Another process that predicts; a built-in predictor stands in for it.
+    Process,
 }
 
 /// A predictor that consists of a network.
@@ -93,6 +95,12 @@ impl Entry {
         Self { name, about, needs: Needs::Recording, build: |_, _| Ok(None), learner: None, has: |_| true }
     }
 
+    /// The predictor of another process. No member of a panel: the previewer asks for it.
+    #[must_use]
+    pub const fn external(name: &'static str, about: &'static str) -> Self {
+        Self { name, about, needs: Needs::Process, build: |_, _| Ok(None), learner: None, has: |_| true }
+    }
+
     /// Builds it as a member of a panel.
     ///
     /// # Errors
@@ -128,15 +136,51 @@ impl Blank for PredictorKind {
     }
 }
 
-const LIVE: usize = {
-    let mut live = 0;
-    let mut rest: &[Entry] = REGISTRY;
+/// Whether a list of predictors of a running loop has `entry`; `other_process`: those of other processes too.
+const fn runs(entry: &Entry, other_process: bool) -> bool {
+    match entry.needs {
+        Needs::Nothing | Needs::Network => true,
+        Needs::Process => other_process,
+        Needs::Recording => false,
+    }
+}
+
+/// How many that are.
+const fn running(other_process: bool) -> usize {
+    let (mut count, mut rest) = (0, REGISTRY);
     while let [first, others @ ..] = rest {
-        live += !matches!(first.needs, Needs::Recording) as usize;
+        count += runs(first, other_process) as usize;
         rest = others;
     }
-    live
-};
+    count
+}
+
+/// All `N` of them, in the order of the registry.
+const fn list<const N: usize>(other_process: bool) -> [PredictorKind; N] {
+    let mut all = [PredictorKind(0); N];
+    let (mut room, mut rest, mut index): (&mut [PredictorKind], _, _) = (&mut all, REGISTRY, 0);
+    while let [entry, others @ ..] = rest {
+        if runs(entry, other_process)
+            && let [first, left @ ..] = room
+        {
+            first.0 = index;
+            room = left;
+        }
+        index += 1;
+        rest = others;
+    }
+    all
+}
+
+const fn names<const N: usize>(mut kinds: &[PredictorKind]) -> [&'static str; N] {
+    let mut names = [""; N];
+    let mut room: &mut [&str] = &mut names;
+    while let ([name, left @ ..], [kind, others @ ..]) = (room, kinds) {
+        *name = kind.name();
+        (room, kinds) = (left, others);
+    }
+    names
+}
 
 // Constants for predictors that code names; others need none.
 impl PredictorKind {
@@ -156,6 +200,8 @@ impl PredictorKind {
     pub const AR_RLS: Self = known("ar-rls");
     /// The predictor of the presets.
     pub const MIXTURE: Self = known("mixture");
+    /// The predictor of another process.
+    pub const EXTERNAL: Self = known("external");
 }
 
 impl PredictorKind {
@@ -173,35 +219,16 @@ impl PredictorKind {
     };
 
     /// Those available in a running loop: all that need no recording.
-    pub const LIVE: [Self; LIVE] = {
-        let mut live = [Self(0); LIVE];
-        let mut room: &mut [Self] = &mut live;
-        let mut rest: &[Entry] = REGISTRY;
-        let mut index = 0;
-        while let [entry, others @ ..] = rest {
-            if !matches!(entry.needs, Needs::Recording)
-                && let [first, left @ ..] = room
-            {
-                first.0 = index;
-                room = left;
-            }
-            index += 1;
-            rest = others;
-        }
-        live
-    };
+    pub const LIVE: [Self; running(true)] = list(true);
 
     /// Names of [`Self::LIVE`].
-    pub const LIVE_NAMES: [&'static str; LIVE] = {
-        let mut names = [""; LIVE];
-        let mut room: &mut [&str] = &mut names;
-        let mut rest: &[Self] = &Self::LIVE;
-        while let ([name, left @ ..], [kind, others @ ..]) = (room, rest) {
-            *name = kind.name();
-            (room, rest) = (left, others);
-        }
-        names
-    };
+    pub const LIVE_NAMES: [&'static str; running(true)] = names(&Self::LIVE);
+
+    /// Those of them that this process runs itself.
+    pub const BUILT_IN: [Self; running(false)] = list(false);
+
+    /// Names of [`Self::BUILT_IN`].
+    pub const BUILT_IN_NAMES: [&'static str; running(false)] = names(&Self::BUILT_IN);
 
     /// Index in [`Self::ALL`].
     #[must_use]

@@ -13,11 +13,11 @@ fn previewer(learner: &Learner) -> Previewer {
 }
 
 /// Share of the previews from step `from` on for which the pen lay inside the claimed band, per predictor of
-/// `PredictorKind::LIVE` at `lead`, without cases in which the pen rests before and after.
+/// `PredictorKind::BUILT_IN` at `lead`, without cases in which the pen rests before and after.
 fn coverage(steps: &[GridStep], lead: usize, from: usize) -> Vec<f64> {
     let mut learner = learner();
     let mut previewer = previewer(&learner);
-    let (mut inside, mut cases) = ([0; PredictorKind::LIVE.len()], 0);
+    let (mut inside, mut cases) = ([0; PredictorKind::BUILT_IN.len()], 0);
     let mut out = vec![[0.0; 2]; lead];
     for (k, step) in steps.iter().enumerate() {
         let learned = previewer.observe(step);
@@ -31,7 +31,7 @@ fn coverage(steps: &[GridStep], lead: usize, from: usize) -> Vec<f64> {
             continue;
         }
         cases += 1;
-        for (inside, kind) in inside.iter_mut().zip(PredictorKind::LIVE) {
+        for (inside, kind) in inside.iter_mut().zip(PredictorKind::BUILT_IN) {
             let report = previewer.preview_of(kind, &mut out).unwrap();
             let band = report.bands.at(lead as f64).unwrap();
             let [px, py] = out[lead - 1];
@@ -48,7 +48,7 @@ fn nine_of_ten_cases_lie_inside_the_band_of_every_predictor_and_lead() {
     for lead in [1, 4, 10, BAND_LEADS] {
         let shares = coverage(&steps, lead, 1000);
         println!("lead {lead}: {shares:.3?}");
-        for (share, kind) in shares.iter().zip(PredictorKind::LIVE) {
+        for (share, kind) in shares.iter().zip(PredictorKind::BUILT_IN) {
             // Bands of a predictor that still improves are a little too wide.
             let legal = COVERAGE - 0.04..=COVERAGE + 0.06;
             assert!(legal.contains(share), "{kind:?} at lead {lead}: {share}");
@@ -78,7 +78,7 @@ fn the_share_of_misses_obeys_its_bound_whatever_the_pen_does() {
             ..GridStep::default()
         }));
     }
-    for kind in PredictorKind::LIVE {
+    for kind in PredictorKind::BUILT_IN {
         for lead in [1, 8, BAND_LEADS] {
             let (cases, misses) = learner.calibration().judged(kind, lead);
             let share = f64::from(misses) / f64::from(cases);
@@ -99,7 +99,7 @@ fn bands_widen_with_the_lead_and_a_better_predictor_has_narrower_ones() {
         learner.learn(&previewer.observe(step));
     }
     let table = learner.weights().bands;
-    for kind in PredictorKind::LIVE {
+    for kind in PredictorKind::BUILT_IN {
         let factors = table.of(kind);
         assert!(
             factors[0] > 0.0 && factors[3] > factors[0] && factors[9] > factors[3],

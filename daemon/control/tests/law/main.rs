@@ -16,6 +16,7 @@ mod dybm;
 mod dybm_esn;
 mod dynamics;
 mod envelope;
+mod external;
 mod record;
 mod state;
 mod record_onset;

@@ -9,6 +9,8 @@ use std::cell::Cell;
 use foretrace_control::follower::{EnableReading, JointReading, Rung};
 use foretrace_control::guard::CommandChecker;
 use foretrace_control::pen::PenReading;
+use foretrace_control::predict::{ExternalPreview, PredictorKind};
+use foretrace_shm::PenStep;
 
 use super::*;
 use crate::ports::{PEN_PER_TICK, PortTally};
@@ -330,6 +332,9 @@ impl Ports for Wasteful {
         (0..3).for_each(|_| allocate());
         self.0.send(now, outgoing)
     }
+    fn send_step(&mut self, now: Stamp, step: PenStep) {
+        self.0.send_step(now, step);
+    }
     fn tally(&self) -> &PortTally {
         self.0.tally()
     }
@@ -437,4 +442,55 @@ fn the_newest_dead_man_message_reaches_the_law() {
     bench.peer.enable.push(first).unwrap();
     bench.peer.enable.push(newest).unwrap();
     assert_eq!(bench.run(0).given.enable, Some(newest));
+}
+
+/// A process in the next room: it sees the steps that closed, answers each with the last displacement again, and
+/// its answers are counted, timed, and kept for recordings.
+#[test]
+fn a_predictor_of_another_process_gets_the_steps_and_its_previews_are_taken_counted_and_kept() {
+    let mut bench = Bench::new();
+    bench.ask(1, Request::SwitchPredictor(PredictorKind::EXTERNAL));
+    bench.ask(2, Request::Arm);
+    let (mut steps, mut kept, mut next) = (0_u64, 0_u64, None);
+    let mut last = bench.run(0);
+    for k in 0..2000_u64 {
+        if k % 4 == 0 {
+            let angle = k as f64 * 0.01;
+            bench.pen([0.02 * angle.cos(), 0.02 * angle.sin()]);
+        }
+        while let Ok(step) = bench.peer.steps.pop() {
+            steps += 1;
+            assert!(next.is_none_or(|next| step.index == next), "{} is no {next:?}", step.index);
+            next = Some(step.index + 1);
+            assert!(step.wanted as usize >= last.output.preview_steps && step.scale_m > 0.0);
+            let mut preview = ExternalPreview { base_index: step.index, count: 64, ..ExternalPreview::EMPTY };
+            for (ahead, slot) in (1..).map(f64::from).zip(&mut preview.positions) {
+                *slot = [step.x_m + ahead * step.dx_m, step.y_m + ahead * step.dy_m];
+            }
+            if step.index.is_multiple_of(10) {
+                preview.positions[3][0] = f64::NAN;
+            }
+            bench.peer.previews.push(preview).unwrap();
+        }
+        last = bench.run(0);
+        assert_eq!((last.port_allocations, last.law_allocations), (0, 0));
+        while let Ok(seen) = bench.ipc.previews.pop() {
+            assert_eq!(seen.tick, last.tick);
+            kept += 1;
+        }
+        assert_eq!(last.previews.latency_ns.is_some(), last.given.preview);
+    }
+    assert!(steps > 300, "{steps}");
+    let [_, non_finite, others @ ..] = last.previews.refused;
+    assert_eq!(others, [0; 5]);
+    assert!(last.previews.taken > 250 && non_finite > 25, "{:?}", last.previews);
+    assert_eq!(last.previews.taken + non_finite, kept);
+    assert_eq!(last.ports.steps_failed, 0);
+    // Back to a built-in one: nothing is sent or asked for.
+    bench.ask(3, Request::SwitchPredictor(PredictorKind::MIXTURE));
+    bench.follow(600);
+    while bench.peer.steps.pop().is_ok() {}
+    bench.peer.previews.push(ExternalPreview::EMPTY).unwrap();
+    let after = bench.follow(100);
+    assert!(after.output.external.is_none() && !after.given.preview && bench.peer.steps.pop().is_err());
 }

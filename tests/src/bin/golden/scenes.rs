@@ -80,7 +80,7 @@ fn lives() -> Vec<Life> {
         for text in TEXTS {
             add(preset, mixture, text, Events::None, &[], "text");
         }
-        for kind in PredictorKind::LIVE {
+        for kind in PredictorKind::BUILT_IN {
             add(preset, kind, "S5S5", Events::None, &[], "predictor");
             add(preset, kind, "MW", Events::Operator, &[], "operator");
         }
@@ -107,11 +107,11 @@ fn lives() -> Vec<Life> {
         ] {
             add(preset, mixture, "MW", events, &[], what);
         }
-        for kind in PredictorKind::LIVE {
+        for kind in PredictorKind::BUILT_IN {
             add(preset, kind, "8801", Events::Tremor, &[], "tremor");
         }
         for seed in 0..HOSTILE_LIVES {
-            let kind = PredictorKind::LIVE[seed as usize % PredictorKind::LIVE.len()];
+            let kind = PredictorKind::BUILT_IN[seed as usize % PredictorKind::BUILT_IN.len()];
             add(preset, kind, "8801", Events::Hostile(seed), &[], &format!("hostile {seed}"));
         }
     }

@@ -233,8 +233,14 @@ impl PreviewRecord {
     /// A preview was made; it is judged when grid steps close.
     pub fn record_preview(&mut self, made: &NewPreview<'_>) {
         self.last = (self.last + 1) % LEADS;
+        self.waiting = (self.waiting + 1).min(LEADS);
+        self.replace_preview(made);
+    }
+
+    /// Another preview from the same base took the place of the newest.
+    pub fn replace_preview(&mut self, made: &NewPreview<'_>) {
         let held = self.feedback.tool(made.base, 0.0);
-        let Some(preview) = self.pending.get_mut(self.last) else { return };
+        let Some(preview) = self.pending.get_mut(self.last).filter(|_| self.waiting > 0) else { return };
         let refinement = Refinement::at(made.base);
         *preview = PendingPreview {
             last: PendingRefinement { refinement, held, moved: self.onset.moved() },
@@ -246,7 +252,6 @@ impl PreviewRecord {
             last = given.next().copied().unwrap_or(last);
             *slot = last;
         }
-        self.waiting = (self.waiting + 1).min(LEADS);
     }
 
     /// A newer sample refined the newest preview.

@@ -43,6 +43,7 @@ pub const REGISTRY: &[Entry] = &[
     esn::ENTRY,
     ar_rls::ENTRY,
     mixture::ENTRY,
+    crate::predict::external::ENTRY,
     #[cfg(any(test, feature = "examples"))]
     damped_velocity::ENTRY,
     #[cfg(any(test, feature = "examples"))]

@@ -7,7 +7,9 @@ use rtrb::{Consumer, Producer, RingBuffer};
 
 use foretrace_control::follower::{EnableReading, JointReading};
 use foretrace_control::pen::PenReading;
+use foretrace_control::predict::ExternalPreview;
 use foretrace_control::units::Stamp;
+use foretrace_shm::PenStep;
 
 use crate::ports::{Inbox, PortTally, Ports};
 use crate::wire::{JOINTS, Outgoing};
@@ -21,7 +23,9 @@ pub(super) struct MemoryPorts {
     pen: Consumer<PenReading>,
     joints: Consumer<JointReading<JOINTS>>,
     enable: Consumer<EnableReading>,
+    previews: Consumer<ExternalPreview>,
     commands: Producer<Outgoing>,
+    steps: Producer<PenStep>,
     tally: PortTally,
 }
 
@@ -34,8 +38,12 @@ pub(super) struct MemoryPeer {
     pub(super) joints: Producer<JointReading<JOINTS>>,
     /// Dead-man messages to the loop.
     pub(super) enable: Producer<EnableReading>,
+    /// Previews of another process to the loop.
+    pub(super) previews: Producer<ExternalPreview>,
     /// Commands from the loop.
     pub(super) commands: Consumer<Outgoing>,
+    /// Closed grid steps from the loop.
+    pub(super) steps: Consumer<PenStep>,
 }
 
 /// Both ends.
@@ -45,8 +53,17 @@ pub(super) fn pair() -> (MemoryPorts, MemoryPeer) {
     let (joints_in, joints) = RingBuffer::new(CAPACITY);
     let (enable_in, enable) = RingBuffer::new(CAPACITY);
     let (commands, commands_out) = RingBuffer::new(CAPACITY);
-    let ports = MemoryPorts { pen, joints, enable, commands, tally: PortTally::default() };
-    let peer = MemoryPeer { pen: pen_in, joints: joints_in, enable: enable_in, commands: commands_out };
+    let (previews_in, previews) = RingBuffer::new(CAPACITY);
+    let (steps, steps_out) = RingBuffer::new(CAPACITY);
+    let ports = MemoryPorts { pen, joints, enable, previews, commands, steps, tally: PortTally::default() };
+    let peer = MemoryPeer {
+        pen: pen_in,
+        joints: joints_in,
+        enable: enable_in,
+        previews: previews_in,
+        commands: commands_out,
+        steps: steps_out,
+    };
     (ports, peer)
 }
 
@@ -68,12 +85,19 @@ impl Ports for MemoryPorts {
         for reading in std::iter::from_fn(|| self.enable.pop().ok()).take(CAPACITY) {
             inbox.enable = Some(reading);
         }
+        if inbox.asks_previews {
+            inbox.preview = std::iter::from_fn(|| self.previews.pop().ok()).take(CAPACITY).last();
+        }
     }
 
     fn send(&mut self, _now: Stamp, outgoing: &Outgoing) -> bool {
         let sent = self.commands.push(*outgoing).is_ok();
         *(if sent { &mut self.tally.commands_sent } else { &mut self.tally.commands_failed }) += 1;
         sent
+    }
+
+    fn send_step(&mut self, _now: Stamp, step: PenStep) {
+        self.tally.steps_failed += u64::from(self.steps.push(step).is_err());
     }
 
     fn tally(&self) -> &PortTally {

@@ -1,0 +1,276 @@
+//! `external`: the predictor of another process, with a built-in one that stands in for it.
+//!
+//! Contract: fixed size, no allocation, total. A preview is checked once, when it comes; what fails is refused
+//! with its reason and changes nothing. Both previews are blended,
+//!
+//! p = p_fallback + w · (p_external − p_fallback),
+//!
+//! with w rising and falling by a fixed amount per grid step, so that neither a loss nor a return moves the
+//! reference at once. w rises only while previews come in time and the [`Contest`] says that they are better
+//! than the fallback's. Trust, shares and corrections then judge the blend as any other preview.
+
+mod contest;
+mod preview;
+
+use super::{Entry, LearnStep, MAX_PREVIEW};
+use crate::pen::Motion;
+use crate::state::state;
+pub use contest::Contest;
+use contest::{JUDGED, Pair};
+pub use preview::{ExternalPreview, PreviewRefusal};
+
+pub(super) const ENTRY: Entry = Entry::external(
+    "external",
+    "that of another process, which has to earn its part; predictor.external.fallback stands in for it",
+);
+
+/// Rise of w per step: as fast as trust.
+const RISE: f64 = 0.1;
+/// Its fall per step.
+const FALL: f64 = 0.2;
+/// Grid steps whose positions are kept, and the most that a preview may be late.
+pub const MOST_LATE: u32 = 8;
+/// Displacements longer than this multiple of the bound on the built-in predictors' are refused; shorter ones
+/// are shortened to the bound, as theirs are.
+const WILD: f64 = 4.0;
+
+/// What became of the other process's previews.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct ExternalReport {
+    /// w, its part in the preview in force, from 0 to 1.
+    pub weight: f64,
+    /// Its least evidence against the fallback, from -10 to 10.
+    pub evidence: f64,
+    /// Grid steps since its newest usable preview's base; `None`: there is none.
+    pub age: Option<u32>,
+    /// What became of the preview that came in this tick; `None`: none came.
+    pub verdict: Option<Result<(), PreviewRefusal>>,
+    /// Grid steps that closed while it was chosen, and those of them that had a preview of their own in
+    /// time, before the next one closed.
+    pub steps: u64,
+    /// See `steps`.
+    pub hits: u64,
+}
+
+/// The newest preview of the other process, and what it is worth.
+#[derive(Debug, Clone)]
+pub(super) struct External {
+    /// Most steps by which a preview may be late.
+    most_late: u32,
+    /// Steps of the newest preview, from its base on \[m\]; `count` of them.
+    moves: [[f64; 2]; MAX_PREVIEW],
+    radii: [f64; MAX_PREVIEW],
+    radii_count: usize,
+    count: usize,
+    /// Its base; `None`: there is no preview.
+    base: Option<u64>,
+    /// The newest closed steps' positions \[m\], from `first` on; a ring by index.
+    positions: [[f64; 2]; MOST_LATE as usize + 1],
+    /// The first step of this stroke, and the newest.
+    first: u64,
+    newest: Option<u64>,
+    /// The fallback's preview after the newest step, without its start \[m\].
+    fallback: [[f64; 2]; MAX_PREVIEW],
+    /// It is that of the newest step.
+    fallback_known: bool,
+    weight: f64,
+    contest: Contest,
+    steps: u64,
+    hits: u64,
+}
+
+state! {
+    [] External {
+        moves, radii, radii_count, count, base, positions, first, newest, fallback, fallback_known, weight,
+        contest, steps, hits,
+    }
+    fixed { most_late }
+}
+
+impl External {
+    pub(super) fn new(most_late: u32) -> Self {
+        Self {
+            most_late: most_late.min(MOST_LATE),
+            moves: [[0.0; 2]; MAX_PREVIEW],
+            radii: [0.0; MAX_PREVIEW],
+            radii_count: 0,
+            count: 0,
+            base: None,
+            positions: [[0.0; 2]; MOST_LATE as usize + 1],
+            first: 0,
+            newest: None,
+            fallback: [[0.0; 2]; MAX_PREVIEW],
+            fallback_known: false,
+            weight: 0.0,
+            contest: Contest::default(),
+            steps: 0,
+            hits: 0,
+        }
+    }
+
+    /// A step closed while this predictor is chosen.
+    pub(super) fn observe(&mut self, step: &LearnStep) {
+        self.steps = self.steps.saturating_add(1);
+        self.hits = self.hits.saturating_add(u64::from(self.newest.is_some() && self.age() == Some(0)));
+        // In the step that ends here.
+        let in_time = self.age().is_some_and(|age| age <= self.most_late);
+        if step.motion == Motion::Continues {
+            self.contest.record(self.pair());
+            self.contest.judge(step.position, step.scale_m, self.weight > 0.0);
+        } else {
+            self.contest.interrupt();
+            (self.base, self.weight, self.first) = (None, 0.0, step.index);
+        }
+        if let Some(slot) = self.positions.get_mut(place(step.index)) {
+            *slot = step.position;
+        }
+        self.newest = Some(step.index);
+        self.fallback_known = false;
+        let wanted = self.contest.earned() && in_time && self.base.is_some();
+        self.weight = (self.weight + if wanted { RISE } else { -FALL }).clamp(0.0, 1.0);
+    }
+
+    /// Takes over what another process predicted, unless something speaks against it. `steps`: how many the
+    /// plan looks at; `limit_m`: bound on a displacement \[m\].
+    pub(super) fn take(
+        &mut self,
+        preview: &ExternalPreview,
+        steps: usize,
+        limit_m: f64,
+    ) -> Result<(), PreviewRefusal> {
+        let ExternalPreview { base_index, count, radii_count, .. } = *preview;
+        let positions = preview.positions();
+        if positions.is_empty() || positions.len() != count || count < steps.min(MAX_PREVIEW) {
+            return Err(PreviewRefusal::Malformed);
+        }
+        if preview.radii().len() != radii_count || ![0, count].contains(&radii_count) {
+            return Err(PreviewRefusal::Malformed);
+        }
+        if !preview.radii().iter().all(|radius| radius.is_finite() && *radius >= 0.0)
+            || !positions.iter().flatten().all(|x| x.is_finite())
+        {
+            return Err(PreviewRefusal::NonFinite);
+        }
+        let Some(age) = self.newest.and_then(|newest| newest.checked_sub(base_index)) else {
+            return Err(PreviewRefusal::Ahead);
+        };
+        if age > u64::from(self.most_late) {
+            return Err(PreviewRefusal::Late);
+        }
+        if base_index < self.first {
+            return Err(PreviewRefusal::OtherStroke);
+        }
+        if self.base.is_some_and(|before| base_index <= before) {
+            return Err(PreviewRefusal::Repeated);
+        }
+        let from = self.positions.get(place(base_index)).copied().unwrap_or_default();
+        if moves_of(from, positions).any(|[dx, dy]| !(dx.hypot(dy) <= WILD * limit_m)) {
+            return Err(PreviewRefusal::Wild);
+        }
+        for (slot, step) in self.moves.iter_mut().zip(moves_of(from, positions)) {
+            *slot = super::shortened(step, limit_m);
+        }
+        (self.base, self.count) = (Some(base_index), count);
+        (self.radii, self.radii_count) = (preview.radii, radii_count);
+        Ok(())
+    }
+
+    /// The fallback's preview after the newest step, from `from` on.
+    pub(super) fn stand_in(&mut self, positions: &[[f64; 2]]) {
+        for (slot, position) in self.fallback.iter_mut().zip(positions) {
+            *slot = *position;
+        }
+        self.fallback_known = true;
+    }
+
+    /// The fallback's preview, if it was made after the newest step.
+    pub(super) fn fallback(&self) -> Option<&[[f64; 2]; MAX_PREVIEW]> {
+        self.fallback_known.then_some(&self.fallback)
+    }
+
+    /// Moves `positions` \[m\], the fallback's after the newest step, towards the other process's by its part.
+    pub(super) fn blend(&self, positions: &mut [[f64; 2]]) {
+        let (Some(ahead), true) = (self.ahead(), self.weight > 0.0) else { return };
+        for ([x, y], [ex, ey]) in positions.iter_mut().zip(ahead) {
+            *x += self.weight * (ex - *x);
+            *y += self.weight * (ey - *y);
+        }
+    }
+
+    /// Radius \[m\] in which it expects the pen `lead` steps after the newest step, where it says so and its
+    /// part is the larger.
+    pub(super) fn radius(&self, lead: f64) -> Option<f64> {
+        let at = lead + f64::from(self.age()?);
+        if self.weight <= 0.5 || !(at >= 1.0) {
+            return None;
+        }
+        let radii = self.radii.get(..self.radii_count)?;
+        let (below, part) = (at.floor() as usize, at - at.floor());
+        let (near, far) = (*radii.get(below - 1)?, radii.get(below).copied());
+        Some(if part > 0.0 { near + part * (far? - near) } else { near })
+    }
+
+    /// What became of its previews.
+    pub(super) fn report(&self, verdict: Option<Result<(), PreviewRefusal>>) -> ExternalReport {
+        ExternalReport {
+            weight: self.weight,
+            evidence: self.contest.evidence(),
+            age: self.age(),
+            verdict,
+            steps: self.steps,
+            hits: self.hits,
+        }
+    }
+
+    /// Steps that closed since the base of its preview; `None`: there is none, or it is too old to be carried
+    /// on.
+    fn age(&self) -> Option<u32> {
+        let age = u32::try_from(self.newest?.checked_sub(self.base?)?).ok()?;
+        ((age as usize) < self.count).then_some(age)
+    }
+
+    /// Its positions after the newest step \[m\]: as far as they go, then the last again.
+    fn ahead(&self) -> Option<impl Iterator<Item = [f64; 2]>> {
+        let age = self.age()? as usize;
+        let mut at = self.positions.get(place(self.newest?)).copied()?;
+        let rest = self.moves.get(age..self.count)?.iter().copied();
+        Some(rest.chain(std::iter::repeat([0.0; 2])).map(move |[dx, dy]| {
+            at = [at[0] + dx, at[1] + dy];
+            at
+        }))
+    }
+
+    /// What both predicted after the newest step, where both did, in time.
+    fn pair(&self) -> Option<Pair> {
+        let fallback = self.fallback()?;
+        self.age().filter(|age| *age <= self.most_late)?;
+        let mut pair = Pair { external: [[0.0; 2]; JUDGED.len()], fallback: [[0.0; 2]; JUDGED.len()] };
+        let last = JUDGED.into_iter().max().unwrap_or(0);
+        for (steps, (external, fallback)) in (1..=last).zip(self.ahead()?.zip(fallback)) {
+            if let Some(index) = JUDGED.iter().position(|judged| *judged == steps) {
+                if let Some(slot) = pair.external.get_mut(index) {
+                    *slot = external;
+                }
+                if let Some(slot) = pair.fallback.get_mut(index) {
+                    *slot = *fallback;
+                }
+            }
+        }
+        Some(pair)
+    }
+}
+
+/// Where the position of step `index` is kept.
+const fn place(index: u64) -> usize {
+    (index % (MOST_LATE as u64 + 1)) as usize
+}
+
+/// The displacements along `positions`, the first from `from`.
+fn moves_of(from: [f64; 2], positions: &[[f64; 2]]) -> impl Iterator<Item = [f64; 2]> {
+    let mut last = from;
+    positions.iter().map(move |[x, y]| {
+        let step = [x - last[0], y - last[1]];
+        last = [*x, *y];
+        step
+    })
+}

@@ -1,0 +1,287 @@
+//! The predictor of another process, tested through the whole step: what it may cost, whatever it does.
+
+use crate::support::writing::{curve, scribble};
+use crate::support::{Bench, STEP_NS, settings};
+use foretrace_control::follower::{Budget, FollowerSettings, Request, StepInput, StepOutput};
+use foretrace_control::predict::{ExternalPreview, LearnStep, PredictorKind, PreviewRefusal};
+use foretrace_control::units::Stamp;
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+
+const FALLBACK: PredictorKind = PredictorKind::AR_RLS;
+/// Positions per preview: as many as the law takes.
+const COUNT: usize = 64;
+
+fn external() -> FollowerSettings<6> {
+    let mut wanted = settings(PredictorKind::EXTERNAL);
+    wanted.preview.fallback = FALLBACK;
+    wanted
+}
+
+/// A process that predicts: from the step that closed, and the pen's real path, to a preview.
+type Process<'a> = dyn FnMut(&LearnStep, &dyn Fn(f64) -> [f64; 2]) -> Option<ExternalPreview> + 'a;
+
+fn preview(base_index: u64, at: impl Fn(usize) -> [f64; 2]) -> ExternalPreview {
+    let mut preview = ExternalPreview { base_index, count: COUNT, ..ExternalPreview::EMPTY };
+    preview.positions.iter_mut().enumerate().for_each(|(i, slot)| *slot = at(i + 1));
+    preview
+}
+
+/// Knows the pen's path; `way` stretches what it predicts, from the step's position on.
+fn knowing(step: &LearnStep, path: &dyn Fn(f64) -> [f64; 2], way: f64) -> ExternalPreview {
+    let now_s = (step.index * STEP_NS) as f64 * 1e-9;
+    preview(step.index, |ahead| {
+        let at = path(now_s + ahead as f64 * STEP_NS as f64 * 1e-9);
+        std::array::from_fn(|axis| step.position[axis] + way * (at[axis] - step.position[axis]))
+    })
+}
+
+#[derive(Debug, Default)]
+struct Outcome {
+    /// RMS distance of the tool from the pen, one dead time later \[m\].
+    rms_m: f64,
+    taken: u64,
+    refused: [u64; PreviewRefusal::ALL.len()],
+    /// Share of the ticks in which it had a part in the preview.
+    used: f64,
+    /// Largest change of that part from tick to tick.
+    ramp: f64,
+}
+
+/// Writes along `path` for `ticks`; what `process` predicts for a step comes in the tick after it closed. Every
+/// command is checked by the bench.
+fn run(
+    wanted: FollowerSettings<6>,
+    ticks: u64,
+    path: fn(f64) -> [f64; 2],
+    process: &mut Process<'_>,
+) -> Outcome {
+    let dead_s = wanted.dead_time_ns as f64 * 1e-9;
+    let mut bench = Bench::armed(wanted);
+    let start = bench.now;
+    let at = move |stamp_s: f64| path(stamp_s - start.0 as f64 * 1e-9);
+    let (mut outcome, mut coming, mut sum, mut count, mut part) = (Outcome::default(), None, 0.0, 0_u32, 0.0);
+    for tick in 0..ticks {
+        let due = tick % 5 == 0 || tick % 5 == 3;
+        let samples = [bench.pen(path(bench.now.seconds_since(start)))];
+        bench.joints.stamp = bench.now;
+        let joints = bench.joints;
+        let given: Option<ExternalPreview> = coming.take();
+        let input = StepInput {
+            pen: if due { &samples } else { &[] },
+            joints: Some(&joints),
+            preview: given.as_ref(),
+            ..StepInput::nothing(bench.now)
+        };
+        let output: StepOutput<6> = bench.step(&input, Budget::default());
+        for step in output.learn.iter().take(output.learn_count) {
+            coming = process(step, &at);
+        }
+        if let Some(report) = output.external {
+            match report.verdict {
+                None => {}
+                Some(Ok(())) => outcome.taken += 1,
+                Some(Err(why)) => outcome.refused[why.index()] += 1,
+            }
+            outcome.used += f64::from(u8::from(report.weight > 0.0)) / ticks as f64;
+            outcome.ramp = outcome.ramp.max((report.weight - part).abs());
+            part = report.weight;
+        }
+        if let Some(command) = output.command.filter(|_| tick > 1000) {
+            let [x, y] = path(command.stamp.seconds_since(start) + dead_s);
+            sum += (output.tool[0] - x).powi(2) + (output.tool[1] - y).powi(2);
+            count += 1;
+        }
+    }
+    outcome.rms_m = (sum / f64::from(count.max(1))).sqrt();
+    outcome
+}
+
+fn nobody(_: &LearnStep, _: &dyn Fn(f64) -> [f64; 2]) -> Option<ExternalPreview> {
+    None
+}
+
+#[test]
+fn without_a_process_the_loop_is_the_fallback_bit_for_bit() {
+    let mut alone = settings(FALLBACK);
+    alone.preview.fallback = FALLBACK;
+    for path in [curve as fn(f64) -> [f64; 2], scribble] {
+        let alone = run(alone.clone(), 3000, path, &mut nobody);
+        let beside = run(external(), 3000, path, &mut nobody);
+        assert_eq!(alone.rms_m.to_bits(), beside.rms_m.to_bits());
+        assert_eq!((beside.taken, beside.used), (0, 0.0));
+    }
+}
+
+/// On a stroke that nothing but knowledge foresees.
+#[test]
+fn a_process_that_knows_more_earns_its_part_and_the_arm_is_nearer_to_the_pen() {
+    let fallback = run(external(), 6000, scribble, &mut nobody);
+    let knows = run(external(), 6000, scribble, &mut |step, path| Some(knowing(step, path, 1.0)));
+    println!(
+        "fallback {:.2} mm, with the process {:.2} mm, {:.0} % used",
+        fallback.rms_m * 1e3,
+        knows.rms_m * 1e3,
+        knows.used * 100.0
+    );
+    assert!(knows.rms_m < 0.6 * fallback.rms_m, "{knows:?} {fallback:?}");
+    assert!(knows.used > 0.7 && knows.ramp <= 0.2 + 1e-12, "{knows:?}");
+    let [others @ .., wild] = knows.refused;
+    // How fast the hand moves is not known at its first step.
+    assert!(others == [0; 6] && wild <= 1, "{knows:?}");
+}
+
+#[test]
+fn a_preview_that_comes_within_two_steps_is_used_and_a_later_one_is_refused() {
+    for (late, used) in [(1, true), (2, true), (3, false)] {
+        let mut waiting = std::collections::VecDeque::new();
+        let outcome = run(external(), 6000, scribble, &mut |step, path| {
+            waiting.push_back(knowing(step, path, 1.0));
+            (waiting.len() > late).then(|| waiting.pop_front()).flatten()
+        });
+        assert_eq!(outcome.used > 0.5, used, "{late}: {outcome:?}");
+        assert_eq!(outcome.refused[PreviewRefusal::Late.index()] > 500, !used, "{late}: {outcome:?}");
+    }
+}
+
+/// Ticks of the hostile families; `.ci/long external` runs a million.
+fn ticks() -> u64 {
+    std::env::var("FORETRACE_EXTERNAL_TICKS").ok().and_then(|n| n.parse().ok()).unwrap_or(8000)
+}
+
+/// Each is judged by the error beside that of the fallback, and every command by the bench.
+#[test]
+fn whatever_a_hostile_process_sends_costs_at_most_a_tenth_beside_the_fallback() {
+    type Family = (&'static str, fn(u64, &mut Pcg64, ExternalPreview) -> Option<ExternalPreview>);
+    let families: [Family; 12] = [
+        ("random", |_, rng, honest| {
+            Some(spoiled(honest, |_, at| at.map(|x| x + rng.random_range(-0.05..0.05))))
+        }),
+        ("not a number", |n, _, honest| {
+            Some(spoiled(honest, |i, at| if i == (n % 64) as usize { [f64::NAN, at[1]] } else { at }))
+        }),
+        ("far away", |_, _, honest| Some(spoiled(honest, |_, at| at.map(|x| x + 1e300)))),
+        ("mirrored", |_, _, honest| Some(stretched(honest, -1.0))),
+        ("three times as far", |_, _, honest| Some(stretched(honest, 3.0))),
+        ("frozen", |_, _, honest| Some(stretched(honest, 0.0))),
+        ("another step's", |_, _, honest| {
+            Some(ExternalPreview { base_index: honest.base_index + 7, ..honest })
+        }),
+        ("old", |_, _, honest| Some(ExternalPreview { base_index: honest.base_index - 40, ..honest })),
+        ("the same again", |_, _, honest| Some(ExternalPreview { base_index: 1, ..honest })),
+        ("too short", |_, _, honest| Some(ExternalPreview { count: 3, ..honest })),
+        ("said to be longer than it is", |_, _, honest| {
+            Some(ExternalPreview { count: usize::MAX, radii_count: usize::MAX, ..honest })
+        }),
+        ("crashed", |n, _, honest| (n < 300).then_some(honest)),
+    ];
+    let fallback = run(external(), ticks(), scribble, &mut nobody);
+    for (name, spoil) in families {
+        let (mut rng, mut number) = (Pcg64::seed_from_u64(7), 0);
+        let outcome = run(external(), ticks(), scribble, &mut |step, path| {
+            number += 1;
+            spoil(number, &mut rng, knowing(step, path, 1.0))
+        });
+        let ratio = outcome.rms_m / fallback.rms_m;
+        println!(
+            "{name}: {ratio:.3} of the fallback's {:.2} mm, {:.1} % used, {:?}",
+            fallback.rms_m * 1e3,
+            outcome.used * 100.0,
+            outcome.refused
+        );
+        assert!(ratio <= 1.10, "{name}: {ratio}");
+        assert!(outcome.ramp <= 0.2 + 1e-12 || name == "crashed", "{name}: {outcome:?}");
+    }
+}
+
+fn spoiled(
+    mut preview: ExternalPreview,
+    mut spoil: impl FnMut(usize, [f64; 2]) -> [f64; 2],
+) -> ExternalPreview {
+    preview.positions.iter_mut().enumerate().for_each(|(i, at)| *at = spoil(i, *at));
+    preview
+}
+
+/// From its first position on.
+fn stretched(preview: ExternalPreview, way: f64) -> ExternalPreview {
+    let [first, ..] = preview.positions;
+    spoiled(preview, |_, at| std::array::from_fn(|axis| first[axis] + way * (at[axis] - first[axis])))
+}
+
+/// Honest until it is used, then a lie as large as the bounds let through, until it has lost its part; again
+/// and again.
+#[test]
+fn one_that_earns_its_part_in_order_to_lie_gets_ever_fewer_chances() {
+    let fallback = run(external(), ticks().max(20_000), scribble, &mut nobody);
+    for lie in [-1.0, 3.0] {
+        let (mut number, mut lying) = (0_u64, 0_u32);
+        let mut lies = 0_u64;
+        let outcome = run(external(), ticks().max(20_000), scribble, &mut |step, path| {
+            number += 1;
+            // It does not know whether it is used: it tells the truth for two seconds, then lies for a fifth.
+            lying = if number.is_multiple_of(220) { 20 } else { lying.saturating_sub(1) };
+            lies += u64::from(lying > 0);
+            let honest = knowing(step, path, 1.0);
+            Some(if lying > 0 { stretched(honest, lie) } else { honest })
+        });
+        let ratio = outcome.rms_m / fallback.rms_m;
+        println!("lie × {lie}: {ratio:.3} of the fallback, {:.1} % used, {lies} lies", outcome.used * 100.0);
+        assert!(ratio <= 1.10, "lie × {lie}: {ratio}");
+    }
+}
+
+#[test]
+fn a_stroke_begins_without_the_preview_of_the_one_before() {
+    let mut bench = Bench::armed(external());
+    let start = bench.now;
+    let mut last = None;
+    let tick = |bench: &mut Bench, pen: bool, preview: Option<&ExternalPreview>| {
+        let samples = [bench.pen(curve(bench.now.seconds_since(start)))];
+        bench.joints.stamp = bench.now;
+        let joints = bench.joints;
+        let pen: &[_] = if pen { &samples } else { &[] };
+        let input = StepInput { pen, joints: Some(&joints), preview, ..StepInput::nothing(bench.now) };
+        bench.step(&input, Budget::default())
+    };
+    for _ in 0..500 {
+        let output = tick(&mut bench, true, None);
+        last = output.learn.iter().take(output.learn_count).last().map(|step| step.index).or(last);
+    }
+    // Out of range for a while; the grid begins anew.
+    for _ in 0..300 {
+        tick(&mut bench, false, None);
+    }
+    let mut old = preview(last.unwrap(), |_| [0.0; 2]);
+    let verdict = |output: StepOutput<6>| output.external.and_then(|external| external.verdict);
+    let refused = loop {
+        let output = tick(&mut bench, true, None);
+        if let Some(step) = output.learn.iter().take(output.learn_count).last() {
+            old.base_index = step.index - 1;
+            break verdict(tick(&mut bench, true, Some(&old)));
+        }
+    };
+    assert_eq!(refused, Some(Err(PreviewRefusal::OtherStroke)));
+    assert!(bench.now > Stamp(0));
+}
+
+#[test]
+fn another_predictor_ignores_previews_and_a_switch_asks_for_them() {
+    let mut bench = Bench::armed(settings(FALLBACK));
+    let given = preview(0, |_| [0.0; 2]);
+    let tick = |bench: &mut Bench, request| {
+        bench.joints.stamp = bench.now;
+        let joints = bench.joints;
+        let input = StepInput {
+            joints: Some(&joints),
+            preview: Some(&given),
+            request,
+            ..StepInput::nothing(bench.now)
+        };
+        bench.step(&input, Budget::default())
+    };
+    assert_eq!(tick(&mut bench, None).external, None);
+    let asked = tick(&mut bench, Some(Request::SwitchPredictor(PredictorKind::EXTERNAL)));
+    assert_eq!(asked.answer, Some(Ok(())));
+    let report = tick(&mut bench, None).external.unwrap();
+    assert_eq!(report.verdict, Some(Err(PreviewRefusal::Ahead)), "no step has closed");
+}
