@@ -11,6 +11,8 @@ from world import HOME, Hand, PerfectArm, World, following, until
 
 #: Deceleration of the interface [rad/s²].
 BRAKE = 20.0
+#: Acceleration of the preset's joints [rad/s²].
+FASTEST = 40.0
 
 
 class Arms(World):
@@ -92,14 +94,18 @@ class Arms(World):
             until("it moves", lambda: max(map(abs, arm.qd)) > 0.05)
             self.kill(daemon)
             until("it stands", lambda: arm.targets[-1][1].state == "stand")
-            braking = [target for _, target in arm.targets if target.state == "brake"]
+            # The last time: on a busy machine a command that came late may have been braked for before.
+            told = [target for _, target in arm.targets]
+            last = max(at for at, target in enumerate(told) if target.state == "follow")
+            braking = [target for target in told[last:] if target.state == "brake"]
             for before, after in zip(braking, braking[1:]):
                 seconds = (after.at_ns - before.at_ns) * 1e-9
                 for q0, q1, v0, v1 in zip(before.q, after.q, before.qd, after.qd):
                     self.assertLessEqual(abs(v1), abs(v0) + 1e-12)
                     self.assertLessEqual(abs(v1 - v0), BRAKE * seconds + 1e-9)
                     self.assertLessEqual(abs(q1 - q0), abs(v0) * seconds + 1e-9)
-            self.assertLess(max(jumps(arm.targets)), 0.03)
+            moving = [target for _, target in arm.targets if target.move]
+            self.assertLess(max(jump(one, two) for one, two in zip(moving, moving[1:])), 1e-3)
             # The next daemon moves nothing until somebody arms; then the same interface follows it.
             self.daemon()
             ft.wait_until(lambda status: status.mode == Mode.IDLE, timeout=10)
@@ -114,10 +120,19 @@ class Arms(World):
             arm = PerfectArm(ft)
             self.armed(ft)
             hand = Hand(ft)
-            following(ft)
-            until("it moves", lambda: max(map(abs, arm.qd)) > 0.05)
-            arm.block_s = 0.8
-            paused = until("it is paused", lambda: next((t for _, t in arm.targets if t.state == "paused"), None))
+
+            def pause():
+                # A busy machine may stop the loop for reasons of its own at this very moment: then again.
+                if ft.status().mode != Mode.FOLLOWING:
+                    self.armed(ft)
+                    following(ft)
+                until("it moves", lambda: max(map(abs, arm.qd)) > 0.05)
+                arm.block_s = 0.8
+                until("it has blocked", lambda: arm.block_s == 0.0)
+                time.sleep(1.0)
+                return next((target for _, target in arm.targets if target.state == "paused"), None)
+
+            paused = until("it is paused", pause, timeout=60.0)
             self.assertFalse(paused.move)
             told = [target for _, target in arm.targets if target.move]
             # Where it was last told to be.
@@ -130,7 +145,7 @@ class Arms(World):
             following(ft)
             begin = next(t for _, t in reversed(arm.targets) if t.state == "paused")
             after = next(t for _, t in arm.targets if t.at_ns > begin.at_ns and t.move)
-            self.assertLess(max(abs(a - b) for a, b in zip(after.q, begin.q)), 1e-3)
+            self.assertLess(jump(begin, after), 1e-3)
             self.assertEqual(arm.interface.counts()["pauses"], 1)
             hand.end()
             arm.end()
@@ -252,10 +267,12 @@ class Arms(World):
                 ft.state_at(stamps[-1] + 150_000_000)
 
 
-def jumps(targets):
-    """Largest step of any joint between two targets that were read one after the other [rad]."""
-    moving = [target for _, target in targets if target.q is not None and target.move]
-    return [max(abs(a - b) for a, b in zip(one.q, two.q)) for one, two in zip(moving, moving[1:])] or [0.0]
+def jump(one, two):
+    """What no legal motion between two targets that were read one after the other explains [rad]: the faster of both
+    speeds, and the arm's acceleration, for the time between them."""
+    seconds = (two.at_ns - one.at_ns) * 1e-9
+    legal = [max(abs(v0), abs(v1)) * seconds + FASTEST * seconds**2 for v0, v1 in zip(one.qd, two.qd)]
+    return max(abs(q1 - q0) - most for q0, q1, most in zip(one.q, two.q, legal))
 
 
 if __name__ == "__main__":
