@@ -98,7 +98,7 @@ done
 # The user's unit of `foretrace service install --user`.
 in_root foretrace service install --user --dry-run | sed -n '/^# Written/,/^WantedBy/p' | sed 's|^ExecStart=.*|ExecStart=/bin/true|' >"$out/user.service"
 grep -q '^WatchdogSec=' "$out/user.service"
-XDG_RUNTIME_DIR=$root/tmp systemd-analyze verify --user --man=no "$out/user.service" 2>&1 | { ! grep -F user.service; }
+XDG_RUNTIME_DIR=$next systemd-analyze verify --user --man=no "$out/user.service" 2>&1 | { ! grep -F user.service; }
 
 say "upgraded, with a change of the administrator kept"
 echo '# mine' >>"$root/etc/security/limits.d/foretrace.conf"
