@@ -168,7 +168,10 @@ fn program() -> ExitCode {
 /// The command line; under the name `foretraced`, as packages link it, this program is `foretrace daemon`.
 fn arguments(given: impl Iterator<Item = OsString>) -> Vec<OsString> {
     let mut words: Vec<OsString> = given.collect();
-    if words.first().is_some_and(|name| Path::new(name).file_name() == Some(OsStr::new("foretraced"))) {
+    let linked =
+        words.first().is_some_and(|name| Path::new(name).file_name() == Some(OsStr::new("foretraced")));
+    let version = words.get(1).is_some_and(|word| word == "--version" || word == "-V");
+    if linked && !version {
         words.insert(1, OsString::from("daemon"));
     }
     words
@@ -225,6 +228,7 @@ mod tests {
             "/usr/bin/foretraced daemon --preset ur5e"
         );
         assert_eq!(of(&["foretrace", "status"]), "foretrace status");
+        assert_eq!(of(&["foretraced", "--version"]), "foretraced --version");
         assert_eq!(of(&[]), "");
     }
 
