@@ -1,11 +1,11 @@
-//! A predictor in a process of its own: constant velocity. Argument: the instance (default 0). The daemon asks
-//! for it where `predictor.kind` is `external`: `foretrace request predictor external`.
+//! A predictor in a process of its own: constant velocity. Argument: the instance (default 0). The daemon
+//! asks for it where `predictor.kind` is `external`: `foretrace request predictor external`.
 
 use std::error::Error;
 use std::time::Duration;
 
 use foretrace_client::wire::{PREVIEW_STEPS, PenMotion};
-use foretrace_client::{Foretrace, PreviewError};
+use foretrace_client::{Foretrace, PreviewSendError};
 
 fn main() -> Result<(), Box<dyn Error>> {
     let number = std::env::args().nth(1).map_or(Ok(0), |text| text.parse())?;
@@ -28,7 +28,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         });
         match previews.send(step.index, &positions[..step.wanted as usize], &[]) {
             Ok(_heard) => {}
-            Err(PreviewError::HandedOver) => return Ok(()),
+            Err(PreviewSendError::HandedOver) => return Ok(()),
             Err(error) => eprintln!("left out: {error}"),
         }
     }

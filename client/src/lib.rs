@@ -30,7 +30,7 @@ pub use gateway::{GatewayError, GatewayFeed};
 pub use lookout::{DaemonChange, Lasting, Lookout};
 pub use operate::{DeadMan, DeadManError, RequestError, Requests};
 pub use pen::{FeedError, PenFeed, PenReading};
-pub use predict::{PenSteps, PreviewError, Previews};
+pub use predict::{PenSteps, PreviewSendError, Previews};
 pub use stop::{StopError, Stopped, stop};
 pub use watch::{InputWatch, JointWatch, MessageWatch, PenWatch, StatusReader, Telemetry};
 
@@ -52,6 +52,6 @@ foretrace_shm::debug_as_display!(
     StopError,
     JointStateError,
     RequestError,
-    PreviewError,
+    PreviewSendError,
     GatewayError
 );

@@ -14,7 +14,7 @@ pub type PenSteps = MessageWatch<PenStep>;
 
 /// Why a preview was not sent.
 #[derive(Clone, Copy, PartialEq, thiserror::Error)]
-pub enum PreviewError {
+pub enum PreviewSendError {
     /// Other than as many positions as there is room for.
     #[error(
         "a preview has {got} positions, legal are 1 to 64: as many as `wanted` of the step asks for; radii: \
@@ -74,22 +74,22 @@ impl Previews {
     ///
     /// # Errors
     ///
-    /// See [`PreviewError`]; nothing is sent then.
+    /// See [`PreviewSendError`]; nothing is sent then.
     pub fn send(
         &mut self,
         base_index: u64,
         positions: &[[f64; 2]],
         radii: &[f64],
-    ) -> Result<bool, PreviewError> {
+    ) -> Result<bool, PreviewSendError> {
         let got = positions.len();
         if !(1..=PREVIEW_STEPS).contains(&got) || !(radii.is_empty() || radii.len() == got) {
-            return Err(PreviewError::Positions { got });
+            return Err(PreviewSendError::Positions { got });
         }
         if let Some(number) = positions.iter().position(|[x, y]| !(x.is_finite() && y.is_finite())) {
-            return Err(PreviewError::NotFinite { number });
+            return Err(PreviewSendError::NotFinite { number });
         }
         if let Some(number) = radii.iter().position(|radius| !(radius.is_finite() && *radius >= 0.0)) {
-            return Err(PreviewError::NotFinite { number });
+            return Err(PreviewSendError::NotFinite { number });
         }
         let mut preview = PenPreview {
             base_index,
@@ -111,11 +111,11 @@ impl Previews {
     /// # Errors
     ///
     /// As [`Previews::send`].
-    pub fn send_preview(&mut self, preview: PenPreview) -> Result<bool, PreviewError> {
+    pub fn send_preview(&mut self, preview: PenPreview) -> Result<bool, PreviewSendError> {
         preview.validate()?;
         let now_ns = monotonic_now_ns();
         self.0.give_way_if_asked(now_ns);
-        let publisher = self.0.publisher().ok_or(PreviewError::HandedOver)?;
+        let publisher = self.0.publisher().ok_or(PreviewSendError::HandedOver)?;
         Ok(publisher.publish(now_ns, preview)? > 0)
     }
 

@@ -195,8 +195,8 @@ impl Inputs {
     }
 }
 
-/// The preview of another process that `tick` was given; those of earlier ticks belong to records that found no
-/// room.
+/// The preview of another process that `tick` was given; those of earlier ticks belong to records that found
+/// no room.
 fn preview_of(tick: u64, rings: &mut IpcRings) -> Option<ExternalPreview> {
     let mut found = None;
     while rings.previews.peek().is_ok_and(|seen| seen.tick <= tick) {

@@ -4,9 +4,7 @@
 //! Contract: made from the tables of `wire!`, `wire_enum!` and `wire_flags!` alone.
 
 use super::control::ControlResponse;
-use super::flags::{
-    arm_flags, command_flags, guard_mask, health, missing_rights, pen_flags, preview_flags,
-};
+use super::flags::{arm_flags, command_flags, guard_mask, health, missing_rights, pen_flags, preview_flags};
 use super::joints::{JointCommand, JointState};
 use super::layout::{Wire, WireShape, fnv1a};
 use super::pen::PenSample;

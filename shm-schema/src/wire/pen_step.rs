@@ -2,7 +2,8 @@
 //!
 //! Contract: the daemon sends every grid step that closes while predictor `external` is chosen. A preview
 //! names the step after which it predicts; the daemon takes the newest that came since its last tick and
-//! judges it anew in every step ([`crate::wire::status::ExternalState`]). Frames: positions are in the plane's frame.
+//! judges it anew in every step ([`crate::wire::status::ExternalState`]). Frames: positions are in the
+//! plane's frame.
 
 use std::fmt;
 

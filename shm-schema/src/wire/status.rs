@@ -103,7 +103,7 @@ wire_enum! {
 wire_enum! {
     /// Why a preview of another process was not used.
     pub enum PreviewRefusal: u32 {
-        /// None was refused.
+        /// No preview was refused.
         None = 0 => "none",
         /// No positions, fewer than were asked for, or more than there is room for; radii for some only.
         Malformed = 1 => "malformed",

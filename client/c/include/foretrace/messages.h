@@ -637,6 +637,57 @@ static inline const char *foretrace_ghost_state_label(int64_t number) {
   }
 }
 
+enum foretrace_pen_motion {
+  /** start */
+  FORETRACE_PEN_MOTION_START = 0,
+  /** continues */
+  FORETRACE_PEN_MOTION_CONTINUES = 1,
+  /** jump */
+  FORETRACE_PEN_MOTION_JUMP = 2,
+};
+
+static inline const char *foretrace_pen_motion_label(int64_t number) {
+  switch (number) {
+  case 0: return "start";
+  case 1: return "continues";
+  case 2: return "jump";
+  default: return "unknown";
+  }
+}
+
+enum foretrace_preview_refusal {
+  /** none */
+  FORETRACE_PREVIEW_REFUSAL_NONE = 0,
+  /** malformed */
+  FORETRACE_PREVIEW_REFUSAL_MALFORMED = 1,
+  /** non-finite */
+  FORETRACE_PREVIEW_REFUSAL_NON_FINITE = 2,
+  /** ahead */
+  FORETRACE_PREVIEW_REFUSAL_AHEAD = 3,
+  /** late */
+  FORETRACE_PREVIEW_REFUSAL_LATE = 4,
+  /** repeated */
+  FORETRACE_PREVIEW_REFUSAL_REPEATED = 5,
+  /** other stroke */
+  FORETRACE_PREVIEW_REFUSAL_OTHER_STROKE = 6,
+  /** wild */
+  FORETRACE_PREVIEW_REFUSAL_WILD = 7,
+};
+
+static inline const char *foretrace_preview_refusal_label(int64_t number) {
+  switch (number) {
+  case 0: return "none";
+  case 1: return "malformed";
+  case 2: return "non-finite";
+  case 3: return "ahead";
+  case 4: return "late";
+  case 5: return "repeated";
+  case 6: return "other stroke";
+  case 7: return "wild";
+  default: return "unknown";
+  }
+}
+
 /* foretrace_pen_flags */
 #define FORETRACE_PEN_CONTACT UINT32_C(0x1)
 #define FORETRACE_PEN_IN_RANGE UINT32_C(0x2)
@@ -708,6 +759,9 @@ static inline const char *foretrace_ghost_state_label(int64_t number) {
 #define FORETRACE_MISSING_RIGHTS_PREEMPT_RT UINT32_C(0x20)
 #define FORETRACE_MISSING_RIGHTS_SHARED_MEMORY_RESERVED UINT32_C(0x40)
 #define FORETRACE_MISSING_RIGHTS_NOT_ASKED UINT32_C(0x80)
+
+/* foretrace_preview_flags */
+#define FORETRACE_PREVIEW_RADII UINT32_C(0x1)
 
 /** First field of every message. */
 typedef struct foretrace_header {
@@ -1342,6 +1396,28 @@ FORETRACE_ASSERT(sizeof(foretrace_note_words) == 384);
 FORETRACE_ASSERT(offsetof(foretrace_note_words, text) == 0);
 FORETRACE_ASSERT(offsetof(foretrace_note_words, to_do) == 192);
 
+/** The predictor of another process, since it was chosen. */
+typedef struct foretrace_external_state {
+  double weight;
+  double evidence;
+  /** Grid steps that closed. */
+  uint64_t steps;
+  uint64_t hits;
+  /** daemon started. */
+  uint64_t refused[7];
+  /** Previews taken, since the daemon started. */
+  uint64_t taken;
+  foretrace_percentiles latency;
+} foretrace_external_state;
+FORETRACE_ASSERT(sizeof(foretrace_external_state) == 112);
+FORETRACE_ASSERT(offsetof(foretrace_external_state, weight) == 0);
+FORETRACE_ASSERT(offsetof(foretrace_external_state, evidence) == 8);
+FORETRACE_ASSERT(offsetof(foretrace_external_state, steps) == 16);
+FORETRACE_ASSERT(offsetof(foretrace_external_state, hits) == 24);
+FORETRACE_ASSERT(offsetof(foretrace_external_state, refused) == 32);
+FORETRACE_ASSERT(offsetof(foretrace_external_state, taken) == 88);
+FORETRACE_ASSERT(offsetof(foretrace_external_state, latency) == 96);
+
 typedef struct foretrace_status {
   /** Stamp: when it was sent. */
   foretrace_header header;
@@ -1438,10 +1514,12 @@ typedef struct foretrace_status {
   uint64_t note_since_ns;
   /** That note. */
   foretrace_note_words note;
+  /** The predictor of another process. */
+  foretrace_external_state external;
   /** Reserved, zero. */
   uint64_t reserved[2];
 } foretrace_status;
-FORETRACE_ASSERT(sizeof(foretrace_status) == 1984);
+FORETRACE_ASSERT(sizeof(foretrace_status) == 2096);
 FORETRACE_ASSERT(offsetof(foretrace_status, header) == 0);
 FORETRACE_ASSERT(offsetof(foretrace_status, daemon_id) == 24);
 FORETRACE_ASSERT(offsetof(foretrace_status, pid) == 32);
@@ -1494,7 +1572,8 @@ FORETRACE_ASSERT(offsetof(foretrace_status, tool_base) == 1504);
 FORETRACE_ASSERT(offsetof(foretrace_status, tool_plane_m) == 1552);
 FORETRACE_ASSERT(offsetof(foretrace_status, note_since_ns) == 1576);
 FORETRACE_ASSERT(offsetof(foretrace_status, note) == 1584);
-FORETRACE_ASSERT(offsetof(foretrace_status, reserved) == 1968);
+FORETRACE_ASSERT(offsetof(foretrace_status, external) == 1968);
+FORETRACE_ASSERT(offsetof(foretrace_status, reserved) == 2080);
 
 /** One answer. */
 typedef struct foretrace_control_response {
@@ -1526,8 +1605,77 @@ FORETRACE_ASSERT(offsetof(foretrace_control_response, message_len) == 40);
 FORETRACE_ASSERT(offsetof(foretrace_control_response, reserved) == 44);
 FORETRACE_ASSERT(offsetof(foretrace_control_response, message) == 48);
 
+/** A closed step of the pen's grid. */
+typedef struct foretrace_pen_step {
+  /** Stamp: when the tick that closed it ended. */
+  foretrace_header header;
+  /** Its number on the grid, one more per step. */
+  uint64_t index;
+  /** The instant at its end [ns]. */
+  uint64_t time_ns;
+  /** Length of a step [ns]. */
+  uint64_t step_ns;
+  /** Position at its end [m]. */
+  double x_m;
+  /** Position at its end [m]. */
+  double y_m;
+  double dx_m;
+  double dy_m;
+  double scale_m;
+  /** times as long ones refused. */
+  double longest_m;
+  /** PenMotion. */
+  uint32_t motion;
+  /** 1: the pen touches the paper. */
+  uint32_t contact;
+  /** Positions that a preview has to have. */
+  uint32_t wanted;
+  /** Zero. */
+  uint32_t reserved;
+} foretrace_pen_step;
+FORETRACE_ASSERT(sizeof(foretrace_pen_step) == 112);
+FORETRACE_ASSERT(offsetof(foretrace_pen_step, header) == 0);
+FORETRACE_ASSERT(offsetof(foretrace_pen_step, index) == 24);
+FORETRACE_ASSERT(offsetof(foretrace_pen_step, time_ns) == 32);
+FORETRACE_ASSERT(offsetof(foretrace_pen_step, step_ns) == 40);
+FORETRACE_ASSERT(offsetof(foretrace_pen_step, x_m) == 48);
+FORETRACE_ASSERT(offsetof(foretrace_pen_step, y_m) == 56);
+FORETRACE_ASSERT(offsetof(foretrace_pen_step, dx_m) == 64);
+FORETRACE_ASSERT(offsetof(foretrace_pen_step, dy_m) == 72);
+FORETRACE_ASSERT(offsetof(foretrace_pen_step, scale_m) == 80);
+FORETRACE_ASSERT(offsetof(foretrace_pen_step, longest_m) == 88);
+FORETRACE_ASSERT(offsetof(foretrace_pen_step, motion) == 96);
+FORETRACE_ASSERT(offsetof(foretrace_pen_step, contact) == 100);
+FORETRACE_ASSERT(offsetof(foretrace_pen_step, wanted) == 104);
+FORETRACE_ASSERT(offsetof(foretrace_pen_step, reserved) == 108);
+
+/** Where the pen will be after a grid step. */
+typedef struct foretrace_pen_preview {
+  /** Stamp: when it was sent. */
+  foretrace_header header;
+  /** Number of the step after which it predicts (PenStep.index). */
+  uint64_t base_index;
+  /** Positions that count, from PenStep.wanted to PREVIEW_STEPS. */
+  uint32_t count;
+  /** preview_flags. */
+  uint32_t flags;
+  /** Position i + 1 steps after the base [m]. */
+  double x_m[64];
+  /** Position i + 1 steps after the base [m]. */
+  double y_m[64];
+  double radius_m[64];
+} foretrace_pen_preview;
+FORETRACE_ASSERT(sizeof(foretrace_pen_preview) == 1576);
+FORETRACE_ASSERT(offsetof(foretrace_pen_preview, header) == 0);
+FORETRACE_ASSERT(offsetof(foretrace_pen_preview, base_index) == 24);
+FORETRACE_ASSERT(offsetof(foretrace_pen_preview, count) == 32);
+FORETRACE_ASSERT(offsetof(foretrace_pen_preview, flags) == 36);
+FORETRACE_ASSERT(offsetof(foretrace_pen_preview, x_m) == 40);
+FORETRACE_ASSERT(offsetof(foretrace_pen_preview, y_m) == 552);
+FORETRACE_ASSERT(offsetof(foretrace_pen_preview, radius_m) == 1064);
+
 /** The layout of everything above, in one number. */
-#define FORETRACE_LAYOUT_HASH UINT64_C(0x9cd9bdd7e6f5d7cd)
+#define FORETRACE_LAYOUT_HASH UINT64_C(0x0f23937f24be6927)
 
 #ifdef __cplusplus
 }

@@ -20,8 +20,8 @@ pub enum LawEntrant {
 }
 
 impl LawEntrant {
-    /// All that this process runs, in the order of figures and tables: feedback only, the paper's baseline and its own, the others
-    /// in the registry's order, the daemon as shipped, and last the oracle.
+    /// All that this process runs, in the order of figures and tables: feedback only, the paper's baseline
+    /// and its own, the others in the registry's order, the daemon as shipped, and last the oracle.
     pub fn all() -> impl Iterator<Item = Self> + Clone {
         let others = PredictorKind::BUILT_IN.into_iter();
         let others = others.filter(|kind| *kind != PredictorKind::HOLD && !PAPERS.contains(kind));

@@ -37,7 +37,6 @@ pub struct ShardFile<R, P> {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum MergeError {
-    /// The system refused.
     #[error("{}: cannot read: {why}; give files that `foretrace lab ... --shard I/N --json FILE` wrote", file.display())]
     Unreadable { file: PathBuf, why: String },
     /// Not a file of a shard, or a damaged one.
@@ -49,7 +48,6 @@ pub enum MergeError {
     /// Numbers that do not fit each other.
     #[error("{}: {why}; run this shard again", file.display())]
     Part { file: PathBuf, why: String },
-    /// Of two runs.
     #[error("{} and {} are of different runs: {key} is {first_value} in the first and {other_value} in the second; \
              give the shards of one run, made with the same program, data and options", first.display(), other.display())]
     Mixed { first: PathBuf, other: PathBuf, key: String, first_value: String, other_value: String },
@@ -59,7 +57,6 @@ pub enum MergeError {
     /// Shards without a file.
     #[error("{missing} of {count} shards are missing: {names}; run them, and give the files of all")]
     Missing { missing: usize, count: usize, names: String },
-    /// No file.
     #[error("no files; give those of all shards")]
     Nothing,
 }

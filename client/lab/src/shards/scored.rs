@@ -19,7 +19,6 @@ pub struct SetRun {
     /// Sequences that are learned from before.
     pub train: usize,
     pub cold: bool,
-    /// Digest of both.
     pub data: String,
 }
 

@@ -19,17 +19,17 @@ type OfferedId = (u64, u64);
 /// The newest set, and the newest preview of another process, that a tick was offered, until they are whole.
 #[derive(Debug, Default)]
 pub(crate) struct OfferedWeights {
-    weights: Due,
-    preview: Due,
+    weights: Awaited,
+    preview: Awaited,
 }
 
 #[derive(Debug, Default)]
-struct Due {
+struct Awaited {
     missing: Option<OfferedId>,
     whole: VecDeque<OfferedId>,
 }
 
-impl Due {
+impl Awaited {
     fn offered(&mut self, id: OfferedId) {
         self.missing = Some(id).filter(|id| !self.whole.contains(id));
     }

@@ -212,6 +212,7 @@ impl LawFollower {
             request,
             halt: input.halt.then(|| (StopReason::Requested, StopDetail::default())),
             weights: weights.as_deref(),
+            preview: None,
             unsent: input.unsent,
         };
         let budget = Budget { max_iterations: input.max_iterations, shed: input.shed };

@@ -24,7 +24,6 @@ type GivenJoints = [f64; JOINTS];
 /// State, whether to move, q \[rad\], qd \[rad/s\], instant \[ns\], tick, mode and flags of the command.
 type TargetParts = (&'static str, bool, Option<GivenJoints>, Option<GivenJoints>, u64, u64, u32, u32);
 
-/// Ends the loop.
 struct ArmEnd {
     news: Mutex<Option<SyncSender<ArmNews>>>,
     desk: SharedDesk,

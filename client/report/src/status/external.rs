@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 use super::view::milliseconds;
 
 /// One line; `None`: it is not chosen.
-pub fn text(state: &ExternalState) -> Option<String> {
+pub(super) fn text(state: &ExternalState) -> Option<String> {
     if !(state.weight >= 0.0) {
         return None;
     }
@@ -24,7 +24,7 @@ pub fn text(state: &ExternalState) -> Option<String> {
 }
 
 /// The same for machines; null: it is not chosen.
-pub fn json(state: &ExternalState) -> Value {
+pub(super) fn json(state: &ExternalState) -> Value {
     if !(state.weight >= 0.0) {
         return Value::Null;
     }

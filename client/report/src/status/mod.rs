@@ -1,7 +1,7 @@
 //! A daemon's status: text for people, JSON for machines, a page for a screen, and bounds on its figures.
 //!
-//! In order: `alarm`, then the parts (`holders`, `arm_line`, `bearing`, `way_home`, `chain`, `external`), then all of it:
-//! `view` and `screen`.
+//! In order: `alarm`, then the parts (`holders`, `arm_line`, `bearing`, `way_home`, `chain`, `external`),
+//! then all of it: `view` and `screen`.
 
 mod alarm;
 mod arm_line;

@@ -63,11 +63,11 @@ impl PredictionReport {
 
 /// What may change the preview in one tick.
 pub(super) struct PredictionInput<'a> {
-    /// A step closed.
+    /// At least one step closed.
     pub(super) closed: bool,
     /// The learner promoted them.
     pub(super) weights: Option<&'a OnlineWeights>,
-    /// Another process predicted.
+    /// What another process predicted.
     pub(super) external: Option<&'a ExternalPreview>,
     /// Trust in the preview; another predictor takes over at 0.
     pub(super) trust: Trust,

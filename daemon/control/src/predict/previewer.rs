@@ -27,7 +27,8 @@ pub struct PreviewSettings {
     pub kind: PredictorKind,
     /// The built-in predictor that stands in for another process's.
     pub fallback: PredictorKind,
-    /// Steps that may close before another process's preview comes, at most [`MOST_LATE`](super::external::MOST_LATE).
+    /// Steps that may close before another process's preview comes, at most
+    /// [`MOST_LATE`](super::external::MOST_LATE).
     pub most_late: u32,
     /// Longest predicted displacement in units of the recent peak, at least 1.
     pub limit_factor: f64,

@@ -48,8 +48,8 @@ struct Outcome {
     ramp: f64,
 }
 
-/// Writes along `path` for `ticks`; what `process` predicts for a step comes in the tick after it closed. Every
-/// command is checked by the bench.
+/// Writes along `path` for `ticks`; what `process` predicts for a step comes in the tick after it closed.
+/// Every command is checked by the bench.
 fn run(
     wanted: FollowerSettings<6>,
     ticks: u64,
@@ -245,7 +245,7 @@ fn a_stroke_begins_without_the_preview_of_the_one_before() {
     };
     for _ in 0..500 {
         let output = tick(&mut bench, true, None);
-        last = output.learn.iter().take(output.learn_count).last().map(|step| step.index).or(last);
+        last = output.learn.iter().take(output.learn_count).next_back().map(|step| step.index).or(last);
     }
     // Out of range for a while; the grid begins anew.
     for _ in 0..300 {
@@ -255,7 +255,7 @@ fn a_stroke_begins_without_the_preview_of_the_one_before() {
     let verdict = |output: StepOutput<6>| output.external.and_then(|external| external.verdict);
     let refused = loop {
         let output = tick(&mut bench, true, None);
-        if let Some(step) = output.learn.iter().take(output.learn_count).last() {
+        if let Some(step) = output.learn.iter().take(output.learn_count).next_back() {
             old.base_index = step.index - 1;
             break verdict(tick(&mut bench, true, Some(&old)));
         }

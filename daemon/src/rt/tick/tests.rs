@@ -444,8 +444,7 @@ fn the_newest_dead_man_message_reaches_the_law() {
     assert_eq!(bench.run(0).given.enable, Some(newest));
 }
 
-/// A process in the next room: it sees the steps that closed, answers each with the last displacement again, and
-/// its answers are counted, timed, and kept for recordings.
+/// The process answers every step with its displacement again and again.
 #[test]
 fn a_predictor_of_another_process_gets_the_steps_and_its_previews_are_taken_counted_and_kept() {
     let mut bench = Bench::new();

@@ -33,21 +33,21 @@ const FORGIVEN: u32 = 2000;
 pub struct Pair {
     /// Of the external predictor.
     pub external: [[f64; 2]; JUDGED.len()],
-    /// Of the fallback.
+    /// Of the fallback, at the same leads.
     pub fallback: [[f64; 2]; JUDGED.len()],
 }
 
 state! { whole [] Pair { external, fallback } }
 
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-struct Lead {
+struct JudgedLead {
     /// Sum of the fallback's squared errors \[normalised²\], and of cases.
     squares: f64,
     cases: f64,
     evidence: f64,
 }
 
-state! { whole [] Lead { squares, cases, evidence } }
+state! { whole [] JudgedLead { squares, cases, evidence } }
 
 /// The evidence, and who may be used.
 #[derive(Debug, Clone, PartialEq)]
@@ -56,7 +56,7 @@ pub struct Contest {
     /// predicted nothing there.
     pairs: [Option<Pair>; PENDING],
     newest: usize,
-    leads: [Lead; JUDGED.len()],
+    leads: [JudgedLead; JUDGED.len()],
     earned: bool,
     /// Times it lost its place, less those forgiven.
     losses: u32,
@@ -72,7 +72,7 @@ impl Default for Contest {
     fn default() -> Self {
         let first = |steps: usize| {
             let error = 0.2 * TARGET_RMS * steps as f64;
-            Lead { squares: FIRST * error * error, cases: FIRST, evidence: 0.0 }
+            JudgedLead { squares: FIRST * error * error, cases: FIRST, evidence: 0.0 }
         };
         Self {
             pairs: [None; PENDING],
@@ -112,8 +112,8 @@ impl Contest {
         self.pairs = [None; PENDING];
     }
 
-    /// A step closed at `position` \[m\] after ordinary motion, with `unit_m` metres per unit: judges what was
-    /// predicted for it. `in_use`: the external predictor was.
+    /// A step closed at `position` \[m\] after ordinary motion, with `unit_m` metres per unit: judges what
+    /// was predicted for it. `in_use`: the external predictor was.
     pub fn judge(&mut self, position: [f64; 2], unit_m: f64, in_use: bool) {
         self.wait = self.wait.saturating_sub(1);
         self.used = if in_use { self.used.saturating_add(1) } else { self.used };
@@ -143,7 +143,7 @@ impl Contest {
     }
 }
 
-impl Lead {
+impl JudgedLead {
     fn add(&mut self, external: f64, fallback: f64) {
         let gain = (fallback - external) / (2.0 * self.squares / self.cases.max(1.0));
         // Where neither has an error there is nothing to tell them apart by.

@@ -1,7 +1,7 @@
 //! `external`: the predictor of another process, with a built-in one that stands in for it.
 //!
-//! Contract: fixed size, no allocation, total. A preview is checked once, when it comes; what fails is refused
-//! with its reason and changes nothing. Both previews are blended,
+//! Contract: fixed size, no allocation, total. A preview is checked once, when it comes; what fails is
+//! refused with its reason and changes nothing. Both previews are blended,
 //!
 //! p = p_fallback + w · (p_external − p_fallback),
 //!
@@ -188,7 +188,8 @@ impl External {
         self.fallback_known.then_some(&self.fallback)
     }
 
-    /// Moves `positions` \[m\], the fallback's after the newest step, towards the other process's by its part.
+    /// Moves `positions` \[m\], the fallback's after the newest step, towards the other process's by its
+    /// part.
     pub(super) fn blend(&self, positions: &mut [[f64; 2]]) {
         let (Some(ahead), true) = (self.ahead(), self.weight > 0.0) else { return };
         for ([x, y], [ex, ey]) in positions.iter_mut().zip(ahead) {

@@ -45,7 +45,7 @@ impl State for ExternalPreview {
 }
 
 impl ExternalPreview {
-    /// Predicts nothing.
+    /// A preview without positions: refused.
     pub const EMPTY: Self = Self {
         base_index: 0,
         count: 0,
