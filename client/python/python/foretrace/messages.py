@@ -284,6 +284,23 @@ class GhostState(Enumeration):
     COMPARABLE = 3, "comparable"
 
 
+class PenMotion(Enumeration):
+    START = 0, "start"
+    CONTINUES = 1, "continues"
+    JUMP = 2, "jump"
+
+
+class PreviewRefusal(Enumeration):
+    NONE = 0, "none"
+    MALFORMED = 1, "malformed"
+    NON_FINITE = 2, "non-finite"
+    AHEAD = 3, "ahead"
+    LATE = 4, "late"
+    REPEATED = 5, "repeated"
+    OTHER_STROKE = 6, "other stroke"
+    WILD = 7, "wild"
+
+
 class PenFlags(enum.IntFlag):
     CONTACT = 0x1
     IN_RANGE = 0x2
@@ -360,6 +377,10 @@ class MissingRights(enum.IntFlag):
     PREEMPT_RT = 0x20
     SHARED_MEMORY_RESERVED = 0x40
     NOT_ASKED = 0x80
+
+
+class PreviewFlags(enum.IntFlag):
+    RADII = 0x1
 
 
 class Header(Record):
@@ -1103,6 +1124,33 @@ class NoteWords(Record):
 _check(NoteWords, 384)
 
 
+class ExternalState(Record):
+    """The predictor of another process, since it was chosen."""
+
+    weight: float
+    evidence: float
+    #: Grid steps that closed.
+    steps: int
+    hits: int
+    #: daemon started.
+    refused: ctypes.Array[ctypes.c_uint64]
+    #: Previews taken, since the daemon started.
+    taken: int
+    latency: Percentiles
+    _fields_ = [
+        ("weight", ctypes.c_double),
+        ("evidence", ctypes.c_double),
+        ("steps", ctypes.c_uint64),
+        ("hits", ctypes.c_uint64),
+        ("refused", ctypes.c_uint64 * 7),
+        ("taken", ctypes.c_uint64),
+        ("latency", Percentiles),
+    ]
+
+
+_check(ExternalState, 112)
+
+
 class Status(Record):
     """"""
 
@@ -1201,6 +1249,8 @@ class Status(Record):
     note_since_ns: int
     #: That note.
     note: NoteWords
+    #: The predictor of another process.
+    external: ExternalState
     #: Reserved, zero.
     reserved: ctypes.Array[ctypes.c_uint64]
     _kinds_ = {"mode": Mode, "fault": FaultReason, "missing_rights": MissingRights, "trust_reason": TrustReason, "ghost_state": GhostState}
@@ -1257,11 +1307,12 @@ class Status(Record):
         ("tool_plane_m", ctypes.c_double * 3),
         ("note_since_ns", ctypes.c_uint64),
         ("note", NoteWords),
+        ("external", ExternalState),
         ("reserved", ctypes.c_uint64 * 2),
     ]
 
 
-_check(Status, 1984)
+_check(Status, 2096)
 
 
 class ControlResponse(Record):
@@ -1300,5 +1351,86 @@ class ControlResponse(Record):
 _check(ControlResponse, 208)
 
 
+class PenStep(Record):
+    """A closed step of the pen's grid."""
+
+    #: Stamp: when the tick that closed it ended.
+    header: Header
+    #: Its number on the grid, one more per step.
+    index: int
+    #: The instant at its end [ns].
+    time_ns: int
+    #: Length of a step [ns].
+    step_ns: int
+    #: Position at its end [m].
+    x_m: float
+    #: Position at its end [m].
+    y_m: float
+    dx_m: float
+    dy_m: float
+    scale_m: float
+    #: times as long ones refused.
+    longest_m: float
+    #: PenMotion.
+    motion: int
+    #: 1: the pen touches the paper.
+    contact: int
+    #: Positions that a preview has to have.
+    wanted: int
+    #: Zero.
+    reserved: int
+    _kinds_ = {"motion": PenMotion}
+    _fields_ = [
+        ("header", Header),
+        ("index", ctypes.c_uint64),
+        ("time_ns", ctypes.c_uint64),
+        ("step_ns", ctypes.c_uint64),
+        ("x_m", ctypes.c_double),
+        ("y_m", ctypes.c_double),
+        ("dx_m", ctypes.c_double),
+        ("dy_m", ctypes.c_double),
+        ("scale_m", ctypes.c_double),
+        ("longest_m", ctypes.c_double),
+        ("motion", ctypes.c_uint32),
+        ("contact", ctypes.c_uint32),
+        ("wanted", ctypes.c_uint32),
+        ("reserved", ctypes.c_uint32),
+    ]
+
+
+_check(PenStep, 112)
+
+
+class PenPreview(Record):
+    """Where the pen will be after a grid step."""
+
+    #: Stamp: when it was sent.
+    header: Header
+    #: Number of the step after which it predicts (PenStep.index).
+    base_index: int
+    #: Positions that count, from PenStep.wanted to PREVIEW_STEPS.
+    count: int
+    #: preview_flags.
+    flags: int
+    #: Position i + 1 steps after the base [m].
+    x_m: ctypes.Array[ctypes.c_double]
+    #: Position i + 1 steps after the base [m].
+    y_m: ctypes.Array[ctypes.c_double]
+    radius_m: ctypes.Array[ctypes.c_double]
+    _kinds_ = {"flags": PreviewFlags}
+    _fields_ = [
+        ("header", Header),
+        ("base_index", ctypes.c_uint64),
+        ("count", ctypes.c_uint32),
+        ("flags", ctypes.c_uint32),
+        ("x_m", ctypes.c_double * 64),
+        ("y_m", ctypes.c_double * 64),
+        ("radius_m", ctypes.c_double * 64),
+    ]
+
+
+_check(PenPreview, 1576)
+
+
 #: The layout of everything above, in one number.
-LAYOUT_HASH = 0x9cd9bdd7e6f5d7cd
+LAYOUT_HASH = 0x0f23937f24be6927
