@@ -124,6 +124,19 @@ for language in "${languages[@]}"; do
   echo "c: $language: $ticks"
   [[ $ticks == *"; following; "* ]] || fail "$language: the arm does not follow its pen"
   wait "$pen" || fail "$language: the pen"
+  if [[ -x $scratch/predictor-$language ]]; then
+    "$FORETRACE" request predictor external >/dev/null
+    "$scratch/predictor-$language" >"$scratch/answered" &
+    predictor=$!
+    "$scratch/tablet_reader-$language" &
+    pen=$!
+    sleep 3
+    taken=$("$FORETRACE" status --json | python3 -c 'import json, sys; print(json.load(sys.stdin)["predictor"]["external"]["taken"])')
+    wait "$pen" || fail "$language: the pen"
+    wait "$predictor" || fail "$language: the predictor"
+    echo "c: $language: $(cat "$scratch/answered"), $taken previews taken in 3 s"
+    [[ $taken -gt 50 ]] || fail "$language: previews are not taken"
+  fi
   "$FORETRACE" request stop >/dev/null
   # The daemon dies and another one comes: the arm's program outlives the first.
   exec 3>&-

@@ -5,7 +5,8 @@ use std::ffi::{CStr, CString};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use foretrace_client::{
-    DeadManError, FeedError, GatewayError, JointStateError, RequestError, ServiceError, StopError,
+    DeadManError, FeedError, GatewayError, JointStateError, PreviewSendError, RequestError, ServiceError,
+    StopError,
 };
 
 macro_rules! codes {
@@ -115,6 +116,19 @@ impl From<FeedError> for CallFailure {
             FeedError::Invalid(_) => ErrorCode::Invalid,
             FeedError::NotSent(_) => ErrorCode::NotSent,
             FeedError::HandedOver => ErrorCode::HandedOver,
+        };
+        Self::new(code, error.to_string())
+    }
+}
+
+impl From<PreviewSendError> for CallFailure {
+    fn from(error: PreviewSendError) -> Self {
+        let code = match error {
+            PreviewSendError::Positions { .. }
+            | PreviewSendError::NotFinite { .. }
+            | PreviewSendError::Invalid(_) => ErrorCode::Invalid,
+            PreviewSendError::NotSent(_) => ErrorCode::NotSent,
+            PreviewSendError::HandedOver => ErrorCode::HandedOver,
         };
         Self::new(code, error.to_string())
     }

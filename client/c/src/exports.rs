@@ -26,7 +26,7 @@ fn bad(text: impl Into<String>) -> CallFailure {
 }
 
 /// Opens something and gives its handle to the caller.
-fn opened<T: Opened>(
+pub(crate) fn opened<T: Opened>(
     mut out: Out<'_, u64>,
     open: impl FnOnce() -> Result<T, CallFailure>,
 ) -> Result<(), CallFailure> {

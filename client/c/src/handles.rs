@@ -6,7 +6,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use foretrace_client::wire::TickRecord;
 use foretrace_client::{
-    Commands, DeadMan, Foretrace, GatewayFeed, JointStates, PenFeed, StatusReader, Telemetry,
+    Commands, DeadMan, Foretrace, GatewayFeed, JointStates, PenFeed, PenSteps, Previews, StatusReader,
+    Telemetry,
 };
 
 use crate::code::{CallFailure, ErrorCode};
@@ -100,6 +101,8 @@ kinds! {
     Telemetry(TickBacklog) "telemetry",
     Status(StatusReader) "a status",
     DeadMan(DeadMan) "a dead-man switch",
+    PenSteps(PenSteps) "steps of the pen",
+    Previews(Previews) "previews",
 }
 
 /// 0 is never one.

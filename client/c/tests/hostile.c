@@ -169,6 +169,29 @@ static void beside_a_daemon(uint32_t instance) {
   EXPECT(foretrace_dead_man_beat(pen), FORETRACE_BAD_HANDLE);
   EXPECT(foretrace_dead_man_stop(dead_man), 0);
 
+  /* A predictor: its numbers are the daemon's to judge, their count is not. */
+  foretrace_handle steps, previews;
+  foretrace_pen_step step;
+  static foretrace_pen_preview preview;
+  EXPECT(foretrace_pen_steps(attachment, &steps), 0);
+  EXPECT(foretrace_pen_steps_next(steps, 1000000, &step, sizeof step), FORETRACE_NOT_SENT);
+  EXPECT(foretrace_pen_steps_next(steps, 0, &step, 4), FORETRACE_OTHER_LAYOUT);
+  EXPECT(foretrace_pen_steps_next(pen, 0, &step, sizeof step), FORETRACE_BAD_HANDLE);
+  EXPECT(foretrace_previews(attachment, &previews), 0);
+  EXPECT(foretrace_previews(attachment, &other), FORETRACE_TAKEN);
+  preview.count = 64;
+  preview.x_m[3] = NAN;
+  EXPECT(foretrace_previews_send(previews, &preview, sizeof preview, NULL), 0);
+  preview.count = 65;
+  EXPECT(foretrace_previews_send(previews, &preview, sizeof preview, NULL), FORETRACE_INVALID);
+  preview.count = 64;
+  preview.flags = 1U << 7;
+  EXPECT(foretrace_previews_send(previews, &preview, sizeof preview, NULL), FORETRACE_INVALID);
+  EXPECT(foretrace_previews_send(previews, NULL, sizeof preview, NULL), FORETRACE_NULL);
+  EXPECT(foretrace_previews_send(previews, &preview, sizeof preview - 8, NULL), FORETRACE_OTHER_LAYOUT);
+  EXPECT(foretrace_close(previews), 0);
+  EXPECT(foretrace_close(steps), 0);
+
   /* After the attachment is gone what it made works on; after its own end nothing does. */
   EXPECT(foretrace_close(attachment), 0);
   EXPECT(foretrace_close(attachment), FORETRACE_BAD_HANDLE);

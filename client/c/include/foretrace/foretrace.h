@@ -129,6 +129,22 @@ int foretrace_joint_states_publish(foretrace_handle states, uint64_t measured_ns
 /** Why the arm does not follow, and what an operator can do about it; why null: nothing keeps it. */
 int foretrace_joint_states_note(foretrace_handle states, const char *why, const char *to_do);
 
+/* ---- a predictor in a process of its own --------------------------------------------------------------- */
+
+/** The steps of the pen's grid as they close, while predictor `external` is chosen. */
+int foretrace_pen_steps(foretrace_handle attachment, foretrace_handle *out);
+/** Waits for the next one; FORETRACE_NOT_SENT where none came in time. */
+int foretrace_pen_steps_next(foretrace_handle steps, uint64_t timeout_ns, foretrace_pen_step *step, size_t size);
+
+/** The predictor's place, from which previews are sent. */
+int foretrace_previews(foretrace_handle attachment, foretrace_handle *out);
+/** Sends where the pen will be: base_index of the step after which it predicts, count positions x_m, y_m [m],
+ * the first one step later, at least `wanted` of that step; with FORETRACE_PREVIEW_RADII in flags, radius_m. The
+ * header is filled in. What is wrong with the numbers the daemon counts, see `foretrace status`. heard may be
+ * null. */
+int foretrace_previews_send(foretrace_handle previews, const foretrace_pen_preview *preview, size_t size,
+                            bool *heard);
+
 /* ---- watching ------------------------------------------------------------------------------------------ */
 
 /** The records of all ticks from now on: read at least twice per second. */

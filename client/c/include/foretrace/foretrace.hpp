@@ -220,6 +220,35 @@ class StatusReader : detail::Opened {
   using Opened::Opened;
 };
 
+/// The steps of the pen's grid, while predictor `external` is chosen.
+class PenSteps : detail::Opened {
+ public:
+  /// The next one; throws where none comes in time.
+  foretrace_pen_step next(Nanoseconds timeout) {
+    foretrace_pen_step step{};
+    check(foretrace_pen_steps_next(handle_.get(), detail::count(timeout), &step, sizeof step));
+    return step;
+  }
+
+ private:
+  friend class Attachment;
+  using Opened::Opened;
+};
+
+/// The predictor's place. Whether a daemon was connected.
+class Previews : detail::Opened {
+ public:
+  bool send(const foretrace_pen_preview &preview) {
+    bool heard = false;
+    check(foretrace_previews_send(handle_.get(), &preview, sizeof preview, &heard));
+    return heard;
+  }
+
+ private:
+  friend class Attachment;
+  using Opened::Opened;
+};
+
 /// The dead-man switch: beat every 20 ms while a hand holds it; its end stops the arm.
 class DeadMan : detail::Opened {
  public:
@@ -274,6 +303,12 @@ class Attachment {
   }
   StatusReader status() {
     return StatusReader(open([&](foretrace_handle *out) { return foretrace_status_reader(handle_.get(), out); }));
+  }
+  PenSteps pen_steps() {
+    return PenSteps(open([&](foretrace_handle *out) { return foretrace_pen_steps(handle_.get(), out); }));
+  }
+  Previews previews() {
+    return Previews(open([&](foretrace_handle *out) { return foretrace_previews(handle_.get(), out); }));
   }
   DeadMan dead_man(const std::string &name = "", Nanoseconds take_over = Nanoseconds::zero()) {
     return DeadMan(open([&](foretrace_handle *out) {
