@@ -4,8 +4,8 @@
 //! numbers, looked up in a table of the calling thread, so that one that was closed, or belongs to another
 //! thread, is an error. Messages are copied, with their size compared.
 //!
-//! In order: `code` (of errors), `pointers` (of the caller), `handles`, `exports` (the functions), `predict` (those of
-//! predictors).
+//! In order: `code` (of errors), `pointers` (of the caller), `handles`, `exports` (the functions), `predict`
+//! (those of predictors).
 
 mod code;
 mod pointers;

@@ -28,7 +28,8 @@ pub unsafe extern "C" fn foretrace_pen_steps_next(
     run(|| {
         // SAFETY: the caller's.
         let place = unsafe { room("step", step, size) }?;
-        let next = with(steps, |steps: &mut PenSteps| Ok(steps.next_within(Duration::from_nanos(timeout_ns))))?;
+        let next =
+            with(steps, |steps: &mut PenSteps| Ok(steps.next_within(Duration::from_nanos(timeout_ns))))?;
         place.put(next.ok_or_else(|| {
             CallFailure::new(
                 ErrorCode::NotSent,
