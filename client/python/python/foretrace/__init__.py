@@ -7,6 +7,7 @@ from .handles import DeadMan, Gateway, Pen, Records, StatusWatch, gateway
 from .law import Chain, Follower, Guard, Joints, Limits
 from .live import Answer, Foretrace, JointsAt, Settings, Stopped, attach, now_ns, stop
 from .pace import Pace
+from .predictor import Predictor
 from .recordings import read, replay
 
 __all__ = [
@@ -28,6 +29,7 @@ __all__ = [
     "OtherVersion",
     "Pace",
     "Pen",
+    "Predictor",
     "Problem",
     "Records",
     "Refused",

@@ -17,6 +17,7 @@ from .arm import ArmInterface, ArmPorts
 from .clocks import mapping
 from .handles import Closable, DeadMan, Pen, Records, StatusWatch
 from .pace import Pace
+from .predictor import Predictor
 
 if messages.LAYOUT_HASH != _native.LAYOUT_HASH:
     raise ImportError(
@@ -258,6 +259,10 @@ class Foretrace(Closable):
     def dead_man(self, *, name: str | None = None, take_over: float | None = None) -> DeadMan:
         """The dead-man switch; `name`, `take_over` and errors as with `pen`."""
         return self._keep(DeadMan(self._native.dead_man(name, take_over)))
+
+    def predictor(self) -> Predictor:
+        """Makes this program the predictor `external`; see `Predictor`. Raises `Taken` if there is one already."""
+        return self._keep(Predictor(self._native.predictor()))
 
     def arm_interface(
         self, rate_hz: float, *, deceleration: float = 20.0, pause_after: float = 0.05, simulated: bool = False

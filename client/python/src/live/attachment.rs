@@ -16,6 +16,7 @@ use super::failure::{FailureKind, LiveFailure};
 use super::history::HistoryHandle;
 use super::pen::PenHandle;
 use super::ports::ArmPortsHandle;
+use super::predictor::PredictorHandle;
 use super::status::StatusHandle;
 use super::watch::WatchHandle;
 use super::worker::{Closing, locked, remember, same_process, seconds};
@@ -200,6 +201,10 @@ impl LiveAttachment {
         take_over_s: Option<f64>,
     ) -> PyResult<DeadManHandle> {
         self.open(|instance| DeadManHandle::open(py, instance, name, take_over_s))
+    }
+
+    fn predictor(&self, py: Python<'_>) -> PyResult<PredictorHandle> {
+        self.open(|instance| PredictorHandle::open(py, instance))
     }
 
     fn status(&self, py: Python<'_>) -> PyResult<StatusHandle> {

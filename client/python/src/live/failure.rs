@@ -2,7 +2,7 @@
 
 use foretrace_client::wire::Rejection;
 use foretrace_client::{
-    DeadManError, FeedError, GatewayError, InstanceError, JointStateError, RequestError, ServiceError,
+    DeadManError, FeedError, GatewayError, InstanceError, JointStateError, PreviewSendError, RequestError, ServiceError,
     StopError,
 };
 use pyo3::prelude::*;
@@ -103,6 +103,19 @@ impl From<FeedError> for LiveFailure {
             FeedError::Invalid(_) => FailureKind::Invalid,
             FeedError::NotSent(_) => FailureKind::Other,
             FeedError::HandedOver => FailureKind::Taken,
+        };
+        Self::new(kind, error.to_string())
+    }
+}
+
+impl From<PreviewSendError> for LiveFailure {
+    fn from(error: PreviewSendError) -> Self {
+        let kind = match error {
+            PreviewSendError::Positions { .. }
+            | PreviewSendError::NotFinite { .. }
+            | PreviewSendError::Invalid(_) => FailureKind::Invalid,
+            PreviewSendError::NotSent(_) => FailureKind::Other,
+            PreviewSendError::HandedOver => FailureKind::Taken,
         };
         Self::new(kind, error.to_string())
     }

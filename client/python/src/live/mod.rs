@@ -15,6 +15,7 @@ mod history;
 mod arm_loop;
 mod arm;
 mod ports;
+mod predictor;
 mod settings;
 mod attachment;
 
@@ -44,6 +45,7 @@ pub fn add(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<history::HistoryHandle>()?;
     module.add_class::<arm::ArmHandle>()?;
     module.add_class::<ports::ArmPortsHandle>()?;
+    module.add_class::<predictor::PredictorHandle>()?;
     module.add_function(wrap_pyfunction!(attachment::stop, module)?)?;
     module.add_function(wrap_pyfunction!(ports::demand, module)?)?;
     module.add_function(wrap_pyfunction!(close_all, module)?)?;

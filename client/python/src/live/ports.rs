@@ -25,7 +25,7 @@ pub struct ArmPortsHandle {
     worker: Arc<HandleWorker<Lasting<(Commands, JointStates)>>>,
 }
 
-fn bytes_of(message: &impl Wire) -> Vec<u8> {
+pub fn bytes_of(message: &impl Wire) -> Vec<u8> {
     let mut bytes = Vec::new();
     message.put(&mut bytes);
     bytes

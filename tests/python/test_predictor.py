@@ -1,0 +1,97 @@
+"""A predictor in Python: what it is given, what becomes of its previews, what is refused."""
+
+import math
+import threading
+import time
+import unittest
+
+import foretrace
+from foretrace.messages import PenMotion, PenStep, PreviewRefusal
+from world import Hand, World, until
+
+
+def refused(ft, reason):
+    return ft.status().external.refused[reason - 1]
+
+
+class Predictors(World):
+    settings = [*World.settings, "--set", "predictor.kind=external"]
+
+    def test_steps_come_in_order_and_previews_in_time_are_taken(self):
+        self.daemon()
+        with foretrace.attach() as ft, ft.predictor() as predictor:
+            hand = Hand(ft)
+            indices, answered, begin = [], 0, time.monotonic()
+            for step in predictor:
+                self.assertIsInstance(step, PenStep)
+                self.assertTrue(1 <= step.wanted <= 64 and step.scale_m > 0.0)
+                self.assertLess(math.hypot(step.x_m, step.y_m), 0.2)
+                if step.motion == PenMotion.CONTINUES:
+                    indices.append(step.index)
+                answered += predictor.send(step, [(step.x_m + i * step.dx_m, step.y_m + i * step.dy_m) for i in range(1, step.wanted + 1)])
+                if answered >= 200 or time.monotonic() - begin > 30.0:
+                    break
+            self.assertEqual(answered, 200)
+            self.assertTrue(all(after > before for before, after in zip(indices, indices[1:])))
+            state = until("previews are taken", lambda: (lambda s: s if s.taken > 100 else None)(ft.status().external))
+            self.assertGreater(state.latency.p50_ns, 0)
+            self.assertGreaterEqual(state.weight, 0.0)
+            hand.end()
+            self.assertIsNone(hand.error)
+
+    def test_what_is_wrong_is_named_here_or_counted_there(self):
+        self.daemon()
+        with foretrace.attach() as ft, ft.predictor() as predictor:
+            with self.refuses(foretrace.Taken, "the predictor's place"):
+                ft.predictor()
+            self.assertIsNone(predictor.next(timeout=0.1))
+            with self.refuses(foretrace.Invalid, "0 positions", "1 to 64"):
+                predictor.send(5, [])
+            with self.refuses(foretrace.Invalid, "65 positions"):
+                predictor.send(5, [(0.0, 0.0)] * 65)
+            with self.refuses(foretrace.Invalid, "radii"):
+                predictor.send(5, [(0.0, 0.0)] * 40, [0.001])
+            for number in (math.nan, math.inf):
+                with self.refuses(foretrace.Invalid, "position or radius 2"):
+                    predictor.send(5, [(0.0, 0.0), (0.0, 0.0), (0.0, number)])
+            with self.refuses(foretrace.Invalid, "pairs of numbers"):
+                predictor.send(5, [1.0, 2.0])
+            for index in (-1, 2**64):
+                with self.refuses(foretrace.Invalid, "index"):
+                    predictor.send(index, [(0.0, 0.0)])
+            hand = Hand(ft)
+            step = until("a step", predictor.next)
+            predictor.send(step.index + 1000, [(0.0, 0.0)] * 64)
+            until("ahead is counted", lambda: refused(ft, PreviewRefusal.AHEAD) == 1)
+            step = until("a step", predictor.next)
+            predictor.send(step, [(0.0, 0.0)] * 2)
+            until("too few is counted", lambda: refused(ft, PreviewRefusal.MALFORMED) == 1)
+            time.sleep(0.2)
+            predictor.send(step, [(0.0, 0.0)] * 64)
+            until("late is counted", lambda: refused(ft, PreviewRefusal.LATE) == 1)
+            hand.end()
+
+    def test_the_place_outlives_a_daemon_and_is_free_after_its_end(self):
+        daemon = self.daemon()
+        with foretrace.attach() as ft, ft.predictor() as predictor:
+            self.kill(daemon)
+            self.assertIsNone(predictor.next(timeout=0.3))
+            self.daemon()
+            hand = None
+            with foretrace.attach() as again:
+                hand = Hand(again)
+                step = until("a step of the new daemon", lambda: predictor.next(timeout=0.2))
+                until("heard", lambda: predictor.send(step, [(step.x_m, step.y_m)] * 64))
+                hand.end()
+        with foretrace.attach() as ft, ft.predictor() as predictor:
+            waiting = threading.Thread(target=predictor.next, args=(5.0,))
+            waiting.start()
+            predictor.close()
+            waiting.join(10.0)
+            self.assertFalse(waiting.is_alive())
+            with self.refuses(foretrace.Problem, "closed"):
+                predictor.send(1, [(0.0, 0.0)])
+
+
+if __name__ == "__main__":
+    unittest.main()
