@@ -2,8 +2,8 @@
 
 use foretrace_client::wire::Rejection;
 use foretrace_client::{
-    DeadManError, FeedError, GatewayError, InstanceError, JointStateError, PreviewSendError, RequestError, ServiceError,
-    StopError,
+    DeadManError, FeedError, GatewayError, InstanceError, JointStateError, PreviewSendError, RequestError,
+    ServiceError, StopError,
 };
 use pyo3::prelude::*;
 
