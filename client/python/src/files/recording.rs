@@ -131,10 +131,11 @@ const fn kind_name(kind: PieceKind) -> &'static str {
         PieceKind::Weights => "weights",
         PieceKind::State => "state",
         PieceKind::Law => "law",
+        PieceKind::Preview => "preview",
     }
 }
 
-/// Settings, weights, states and builds of the law: kind, daemon, number, bytes.
+/// Settings, weights, states, builds of the law, previews of another process: kind, daemon, number, bytes.
 #[pyfunction]
 fn recording_pieces(python: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyList>> {
     let found = apart(python, move |wanted| {

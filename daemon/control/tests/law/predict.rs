@@ -334,14 +334,14 @@ fn what_was_forgotten_is_in_no_preview() {
         panel.roll_out(kind, 100.0, 1e-4, [0.01, 0.02], &mut path);
         path
     };
-    for kind in PredictorKind::LIVE {
+    for kind in PredictorKind::BUILT_IN {
         let remembers = path(&used, kind) != path(&fresh, kind);
         assert_eq!(remembers, kind != PredictorKind::HOLD, "{kind:?}");
     }
     used.forget();
     let mut first = fresh.clone();
     for x in [[3.0, -2.0], [5.0, 1.0]] {
-        for kind in PredictorKind::LIVE {
+        for kind in PredictorKind::BUILT_IN {
             assert_eq!(path(&used, kind), path(&first, kind), "{kind:?}");
         }
         used.observe(&PenStep::of(x));
