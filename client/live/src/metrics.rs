@@ -142,15 +142,15 @@ fn histogram(text: &mut String, name: &str, help: &str, latency: &Latency) {
 /// The predictor of another process.
 fn external(text: &mut String, state: &ExternalState) {
     let chosen = state.weight >= 0.0;
-    let weight = if chosen { state.weight } else { f64::NAN };
+    let weight = if chosen { f64::from(state.weight) } else { f64::NAN };
     gauge(text, "external_weight", "Part of another process's predictor in the preview.", weight);
     let latency = if chosen { f64::from(state.latency.p50_ns) * 1e-9 } else { f64::NAN };
     gauge(text, "external_latency_seconds", "From a grid step to its preview, recent median.", latency);
-    counter(text, "external_steps", "Grid steps that it was sent.", state.steps);
-    counter(text, "external_hits", "Grid steps that it answered in time.", state.hits);
+    counter(text, "external_steps", "Grid steps that it was sent.", state.steps.into());
+    counter(text, "external_hits", "Grid steps that it answered in time.", state.hits.into());
     let refused = (1..).zip(state.refused).filter_map(|(number, count)| {
         let why = PreviewRefusal::try_from(number).ok()?;
-        Some((format!("{{reason=\"{why}\"}}"), count as f64))
+        Some((format!("{{reason=\"{why}\"}}"), f64::from(count)))
     });
     let help = "Previews of it that were refused.";
     metric(text, "external_refused_total", "counter", help, &refused.collect::<Vec<_>>());

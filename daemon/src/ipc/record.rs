@@ -230,7 +230,7 @@ pub fn newest_tick(status: &mut shm::Status, newest: &TickFacts, ipc: &IpcTally,
     status.predictor = wire::predictor(output.predictor);
     status.predictor_band_m = output.predictor_band.map_or(UNKNOWN, known);
     status.external = shm::ExternalState {
-        taken: newest.previews.taken,
+        taken: wire::saturated(newest.previews.taken),
         refused: refused_previews(newest),
         latency: status.external.latency,
         ..wire::external_state(output.external.as_ref())
@@ -249,10 +249,11 @@ pub fn newest_tick(status: &mut shm::Status, newest: &TickFacts, ipc: &IpcTally,
 }
 
 /// Previews refused by reason; messages that the port refused were malformed.
-fn refused_previews(facts: &TickFacts) -> [u64; shm::PREVIEW_REFUSALS] {
-    let [malformed, others @ ..] = facts.previews.refused;
-    let [a, b, c, d, e, f] = others;
-    [malformed.saturating_add(facts.ports.previews_rejected), a, b, c, d, e, f]
+fn refused_previews(facts: &TickFacts) -> [u32; shm::PREVIEW_REFUSALS] {
+    let mut refused = facts.previews.refused;
+    let [malformed, ..] = &mut refused;
+    *malformed = malformed.saturating_add(facts.ports.previews_rejected);
+    refused.map(wire::saturated)
 }
 
 /// Stage times by their names on the wire. Trust and preview are one stage in this daemon: `Trust` stays 0.

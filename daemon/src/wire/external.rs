@@ -6,6 +6,8 @@ use foretrace_control::predict::{ExternalPreview, ExternalReport, LearnStep, MAX
 use foretrace_shm as shm;
 use foretrace_shm::{PREVIEW_REFUSALS, PREVIEW_STEPS, preview_flags};
 
+use super::saturated;
+
 const _: () = assert!(MAX_PREVIEW == PREVIEW_STEPS && PreviewRefusal::ALL.len() == PREVIEW_REFUSALS);
 
 /// A closed grid step of `step_ns`, after which a plan looks at `steps`.
@@ -58,10 +60,10 @@ pub fn external_preview(message: &shm::PenPreview) -> ExternalPreview {
 #[must_use]
 pub fn external_state(report: Option<&ExternalReport>) -> shm::ExternalState {
     report.map_or(shm::ExternalState::NONE, |report| shm::ExternalState {
-        weight: report.weight,
-        evidence: report.evidence,
-        steps: report.steps,
-        hits: report.hits,
+        weight: report.weight as f32,
+        evidence: report.evidence as f32,
+        steps: saturated(report.steps),
+        hits: saturated(report.hits),
         ..shm::ExternalState::NONE
     })
 }

@@ -35,6 +35,12 @@ pub const REJECT_REASONS: usize = 9;
 const _: () = assert!(JOINTS == shm::JOINTS);
 const _: () = assert!(REJECT_REASONS == shm::REJECT_REASONS);
 
+/// A count as the wire has it, saturated.
+#[must_use]
+pub fn saturated(count: u64) -> u32 {
+    u32::try_from(count).unwrap_or(u32::MAX)
+}
+
 /// The bit, if it is set.
 #[must_use]
 pub const fn flag(set: bool, bit: u32) -> u32 {

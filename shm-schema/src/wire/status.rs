@@ -130,18 +130,18 @@ wire! {
     "foretrace.ExternalStateV1"
     pub struct ExternalState {
         /// Its part in the preview in force, 0 to 1; the rest is the fallback's. Negative: it is not chosen.
-        pub weight: f64,
+        pub weight: f32,
         /// Evidence that it is better than the fallback, -10 to 10: used from 5 on, until it falls below 0.
-        pub evidence: f64,
-        /// Grid steps that closed.
-        pub steps: u64,
+        pub evidence: f32,
+        /// Grid steps that closed; this and the other counts saturated.
+        pub steps: u32,
         /// Those of them that had a preview of their own before the next one closed.
-        pub hits: u64,
+        pub hits: u32,
+        /// Previews taken, since the daemon started.
+        pub taken: u32,
         /// Previews refused by reason, in the order of [`PreviewRefusal`] from `Malformed` on, since the
         /// daemon started.
-        pub refused: [u64; PREVIEW_REFUSALS],
-        /// Previews taken, since the daemon started.
-        pub taken: u64,
+        pub refused: [u32; PREVIEW_REFUSALS],
         /// From a grid step sent to its preview received, over the last second or two.
         pub latency: Percentiles,
     }
@@ -154,8 +154,8 @@ impl ExternalState {
         evidence: 0.0,
         steps: 0,
         hits: 0,
-        refused: [0; PREVIEW_REFUSALS],
         taken: 0,
+        refused: [0; PREVIEW_REFUSALS],
         latency: Percentiles { p50_ns: 0, p99_ns: 0, p99_9_ns: 0, max_ns: 0 },
     };
 }

@@ -45,7 +45,7 @@ pub(super) fn json(state: &ExternalState) -> Value {
 }
 
 /// Every reason with its count.
-fn refused(state: &ExternalState) -> impl Iterator<Item = (String, u64)> {
+fn refused(state: &ExternalState) -> impl Iterator<Item = (String, u32)> {
     (1..).zip(state.refused).map(|(number, count)| {
         let why: Result<PreviewRefusal, UnknownValue> = PreviewRefusal::try_from(number);
         (why.map_or_else(|unknown| unknown.to_string(), |why| why.to_string()), count)
