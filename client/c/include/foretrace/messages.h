@@ -1398,25 +1398,25 @@ FORETRACE_ASSERT(offsetof(foretrace_note_words, to_do) == 192);
 
 /** The predictor of another process, since it was chosen. */
 typedef struct foretrace_external_state {
-  double weight;
-  double evidence;
-  /** Grid steps that closed. */
-  uint64_t steps;
-  uint64_t hits;
-  /** daemon started. */
-  uint64_t refused[7];
+  float weight;
+  float evidence;
+  /** Grid steps that closed; this and the other counts saturated. */
+  uint32_t steps;
+  uint32_t hits;
   /** Previews taken, since the daemon started. */
-  uint64_t taken;
+  uint32_t taken;
+  /** daemon started. */
+  uint32_t refused[7];
   foretrace_percentiles latency;
 } foretrace_external_state;
-FORETRACE_ASSERT(sizeof(foretrace_external_state) == 112);
+FORETRACE_ASSERT(sizeof(foretrace_external_state) == 64);
 FORETRACE_ASSERT(offsetof(foretrace_external_state, weight) == 0);
-FORETRACE_ASSERT(offsetof(foretrace_external_state, evidence) == 8);
-FORETRACE_ASSERT(offsetof(foretrace_external_state, steps) == 16);
-FORETRACE_ASSERT(offsetof(foretrace_external_state, hits) == 24);
-FORETRACE_ASSERT(offsetof(foretrace_external_state, refused) == 32);
-FORETRACE_ASSERT(offsetof(foretrace_external_state, taken) == 88);
-FORETRACE_ASSERT(offsetof(foretrace_external_state, latency) == 96);
+FORETRACE_ASSERT(offsetof(foretrace_external_state, evidence) == 4);
+FORETRACE_ASSERT(offsetof(foretrace_external_state, steps) == 8);
+FORETRACE_ASSERT(offsetof(foretrace_external_state, hits) == 12);
+FORETRACE_ASSERT(offsetof(foretrace_external_state, taken) == 16);
+FORETRACE_ASSERT(offsetof(foretrace_external_state, refused) == 20);
+FORETRACE_ASSERT(offsetof(foretrace_external_state, latency) == 48);
 
 typedef struct foretrace_status {
   /** Stamp: when it was sent. */
@@ -1519,7 +1519,7 @@ typedef struct foretrace_status {
   /** Reserved, zero. */
   uint64_t reserved[2];
 } foretrace_status;
-FORETRACE_ASSERT(sizeof(foretrace_status) == 2096);
+FORETRACE_ASSERT(sizeof(foretrace_status) == 2048);
 FORETRACE_ASSERT(offsetof(foretrace_status, header) == 0);
 FORETRACE_ASSERT(offsetof(foretrace_status, daemon_id) == 24);
 FORETRACE_ASSERT(offsetof(foretrace_status, pid) == 32);
@@ -1573,7 +1573,7 @@ FORETRACE_ASSERT(offsetof(foretrace_status, tool_plane_m) == 1552);
 FORETRACE_ASSERT(offsetof(foretrace_status, note_since_ns) == 1576);
 FORETRACE_ASSERT(offsetof(foretrace_status, note) == 1584);
 FORETRACE_ASSERT(offsetof(foretrace_status, external) == 1968);
-FORETRACE_ASSERT(offsetof(foretrace_status, reserved) == 2080);
+FORETRACE_ASSERT(offsetof(foretrace_status, reserved) == 2032);
 
 /** One answer. */
 typedef struct foretrace_control_response {
@@ -1675,7 +1675,7 @@ FORETRACE_ASSERT(offsetof(foretrace_pen_preview, y_m) == 552);
 FORETRACE_ASSERT(offsetof(foretrace_pen_preview, radius_m) == 1064);
 
 /** The layout of everything above, in one number. */
-#define FORETRACE_LAYOUT_HASH UINT64_C(0x0f23937f24be6927)
+#define FORETRACE_LAYOUT_HASH UINT64_C(0x93428f2d003aa5a2)
 
 #ifdef __cplusplus
 }

@@ -1129,26 +1129,26 @@ class ExternalState(Record):
 
     weight: float
     evidence: float
-    #: Grid steps that closed.
+    #: Grid steps that closed; this and the other counts saturated.
     steps: int
     hits: int
-    #: daemon started.
-    refused: ctypes.Array[ctypes.c_uint64]
     #: Previews taken, since the daemon started.
     taken: int
+    #: daemon started.
+    refused: ctypes.Array[ctypes.c_uint32]
     latency: Percentiles
     _fields_ = [
-        ("weight", ctypes.c_double),
-        ("evidence", ctypes.c_double),
-        ("steps", ctypes.c_uint64),
-        ("hits", ctypes.c_uint64),
-        ("refused", ctypes.c_uint64 * 7),
-        ("taken", ctypes.c_uint64),
+        ("weight", ctypes.c_float),
+        ("evidence", ctypes.c_float),
+        ("steps", ctypes.c_uint32),
+        ("hits", ctypes.c_uint32),
+        ("taken", ctypes.c_uint32),
+        ("refused", ctypes.c_uint32 * 7),
         ("latency", Percentiles),
     ]
 
 
-_check(ExternalState, 112)
+_check(ExternalState, 64)
 
 
 class Status(Record):
@@ -1312,7 +1312,7 @@ class Status(Record):
     ]
 
 
-_check(Status, 2096)
+_check(Status, 2048)
 
 
 class ControlResponse(Record):
@@ -1433,4 +1433,4 @@ _check(PenPreview, 1576)
 
 
 #: The layout of everything above, in one number.
-LAYOUT_HASH = 0x0f23937f24be6927
+LAYOUT_HASH = 0x93428f2d003aa5a2
