@@ -3,5 +3,6 @@
 mod crash;
 mod hostile;
 mod layout;
+mod layout_external;
 mod refusal;
 mod services;
