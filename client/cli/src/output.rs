@@ -96,6 +96,7 @@ impl JsonArgs {
     }
 
     /// The same in one line: for results that only programs read.
+    #[cfg(feature = "lab")]
     pub(crate) fn write_dense<T: Serialize>(&self, result: &T) -> Result<(), Failure> {
         self.put(serde_json::to_string(result))
     }
