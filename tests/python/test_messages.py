@@ -89,7 +89,8 @@ class Messages(unittest.TestCase):
             if isinstance(value, type) and not issubclass(value, Exception):
                 for attribute in vars(value):
                     if not attribute.startswith("_"):
-                        self.assertIn(f"def {attribute}(", stubs.split(f"class {name}:")[1].split("\nclass ")[0])
+                        body = stubs.split(f"class {name}:")[1].split("\nclass ")[0]
+                        self.assertRegex(body, rf"(def {attribute}\(|    {attribute}: )")
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ class Predictors(World):
 
     def test_steps_come_in_order_and_previews_in_time_are_taken(self):
         self.daemon()
-        with foretrace.attach() as ft, ft.predictor() as predictor:
+        with foretrace.attach() as ft, ft.predictor_interface() as predictor:
             hand = Hand(ft)
             indices, answered, begin = [], 0, time.monotonic()
             for step in predictor:
@@ -41,9 +41,9 @@ class Predictors(World):
 
     def test_what_is_wrong_is_named_here_or_counted_there(self):
         self.daemon()
-        with foretrace.attach() as ft, ft.predictor() as predictor:
+        with foretrace.attach() as ft, ft.predictor_interface() as predictor:
             with self.refuses(foretrace.Taken, "the predictor's place"):
-                ft.predictor()
+                ft.predictor_interface()
             self.assertIsNone(predictor.next(timeout=0.1))
             with self.refuses(foretrace.Invalid, "0 positions", "1 to 64"):
                 predictor.send(5, [])
@@ -73,7 +73,7 @@ class Predictors(World):
 
     def test_the_place_outlives_a_daemon_and_is_free_after_its_end(self):
         daemon = self.daemon()
-        with foretrace.attach() as ft, ft.predictor() as predictor:
+        with foretrace.attach() as ft, ft.predictor_interface() as predictor:
             self.kill(daemon)
             self.assertIsNone(predictor.next(timeout=0.3))
             self.daemon()
@@ -83,8 +83,13 @@ class Predictors(World):
                 step = until("a step of the new daemon", lambda: predictor.next(timeout=0.2))
                 until("heard", lambda: predictor.send(step, [(step.x_m, step.y_m)] * 64))
                 hand.end()
-        with foretrace.attach() as ft, ft.predictor() as predictor:
-            waiting = threading.Thread(target=predictor.next, args=(5.0,))
+        with foretrace.attach() as ft, ft.predictor_interface() as predictor:
+
+            def wait():
+                with self.refuses(foretrace.Problem, "closed"):
+                    predictor.next(5.0)
+
+            waiting = threading.Thread(target=wait)
             waiting.start()
             predictor.close()
             waiting.join(10.0)

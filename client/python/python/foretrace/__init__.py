@@ -7,7 +7,7 @@ from .handles import DeadMan, Gateway, Pen, Records, StatusWatch, gateway
 from .law import Chain, Follower, Guard, Joints, Limits
 from .live import Answer, Foretrace, JointsAt, Settings, Stopped, attach, now_ns, stop
 from .pace import Pace
-from .predictor import Predictor
+from .predictor import PredictorInterface
 from .recordings import read, replay
 
 __all__ = [
@@ -29,7 +29,7 @@ __all__ = [
     "OtherVersion",
     "Pace",
     "Pen",
-    "Predictor",
+    "PredictorInterface",
     "Problem",
     "Records",
     "Refused",

@@ -17,7 +17,7 @@ from .arm import ArmInterface, ArmPorts
 from .clocks import mapping
 from .handles import Closable, DeadMan, Pen, Records, StatusWatch
 from .pace import Pace
-from .predictor import Predictor
+from .predictor import PredictorInterface
 
 if messages.LAYOUT_HASH != _native.LAYOUT_HASH:
     raise ImportError(
@@ -260,9 +260,9 @@ class Foretrace(Closable):
         """The dead-man switch; `name`, `take_over` and errors as with `pen`."""
         return self._keep(DeadMan(self._native.dead_man(name, take_over)))
 
-    def predictor(self) -> Predictor:
-        """Makes this program the predictor `external`; see `Predictor`. Raises `Taken` if there is one already."""
-        return self._keep(Predictor(self._native.predictor()))
+    def predictor_interface(self) -> PredictorInterface:
+        """Makes this program the predictor `external`; see `PredictorInterface`. Raises `Taken` if there is one already."""
+        return self._keep(PredictorInterface(self._native.predictor()))
 
     def arm_interface(
         self, rate_hz: float, *, deceleration: float = 20.0, pause_after: float = 0.05, simulated: bool = False

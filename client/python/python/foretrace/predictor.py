@@ -9,11 +9,11 @@ from ._native import Invalid
 from .handles import Closable
 
 
-class Predictor(Closable):
-    """The predictor's place of an instance; made by `Foretrace.predictor`.
+class PredictorInterface(Closable):
+    """The predictor's place of an instance; made by `Foretrace.predictor_interface`.
 
     One per instance at a time. Steps come only while predictor `external` is chosen: by `predictor.kind` in the settings,
-    or by `Foretrace.switch_predictor("external")`. A preview is used if it comes before `predictor.external.most_late_steps`
+    or by `Foretrace.predictor("external")`. A preview is used if it comes before `predictor.external.most_late_steps`
     further steps have closed, and as far as it has proven better than the built-in one that stands in for it.
     """
 
