@@ -99,7 +99,7 @@ class Faults(World):
         service = next(
             path
             for path in pathlib.Path(self.folder).rglob("*.service")
-            if "foretrace/pen" in path.read_text(errors="replace")
+            if '"foretrace/pen"' in path.read_text(errors="replace")
         )
         text = service.read_text()
         ours = re.search(r'"foretrace.layout"\s*\n\s*value = "([0-9a-f]{16})"', text)[1]
