@@ -3,6 +3,7 @@
 mod support;
 
 use std::collections::BTreeMap;
+use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use foretrace_config::Config;
@@ -10,11 +11,12 @@ use foretrace_control::follower::{Follower, NoClock};
 use foretrace_control::predict::{ExternalPreview, OnlineWeights};
 use foretrace_control::state;
 use foretrace_shm::{
-    Assembly, ControlOp, HeaderBounds, Message, Mode, Piece, PieceKind, Services, Session, Thing, TickInput,
+    Assembly, ControlOp, HeaderBounds, Message, Mode, PenPreview, PenStep, Piece, PieceKind, Services,
+    Session, Thing, TickInput, monotonic_now_ns,
 };
 use foretraced::rt::tick::STATE_BYTES;
 use foretraced::wire;
-use support::{Operator, Running, Site, arm, pen, turn};
+use support::{Operator, Peer, Running, Site, arm, pen, turn};
 
 /// Everything that came, in order.
 #[derive(Default)]
@@ -105,6 +107,53 @@ fn again(captured: &Captured) -> usize {
         ticks += 1;
     }
     ticks
+}
+
+/// A process that repeats the last displacement.
+fn predictor(site: &Site) -> Peer {
+    let instance = site.instance();
+    Peer::start(move |quit| {
+        let session = Session::open(&instance, "predictor").unwrap();
+        let services = Services::open(&session).unwrap();
+        let mut steps = services.pen_step.subscriber(PenStep::QOS.buffer, HeaderBounds::DEFAULT).unwrap();
+        let mut previews = services.preview.publisher().unwrap();
+        while !quit.load(Ordering::Acquire) {
+            steps.drain(|step| {
+                let mut preview =
+                    PenPreview { base_index: step.index, count: step.wanted, ..PenPreview::default() };
+                for (ahead, (x, y)) in (1..).map(f64::from).zip(preview.x_m.iter_mut().zip(&mut preview.y_m))
+                {
+                    (*x, *y) = (step.x_m + ahead * step.dx_m, step.y_m + ahead * step.dy_m);
+                }
+                previews.publish(monotonic_now_ns(), preview).unwrap();
+            });
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    })
+}
+
+/// The fallback is Hold, which it beats: the previews are used.
+#[test]
+fn ticks_with_a_predictor_of_another_process_can_be_run_again_with_its_previews() {
+    let _turn = turn();
+    let site = Site::new();
+    let source = site.source().with("predictor.kind", "\"external\"");
+    let daemon = Running::start(&site, source.with("predictor.external.fallback", "\"hold\""));
+    let mut operator = Operator::attach(&site);
+    let (_arm, _log) = arm(&site);
+    let (_pen, _predictor) = (pen(&site), predictor(&site));
+    operator.status_when("joint states arrive", |status| status.joint_state_age_ns != u64::MAX);
+    assert!(operator.ask(ControlOp::Arm, 0.0).is_success());
+    operator.status_when("its part is whole", |status| status.external.weight == 1.0);
+    let captured = listen(&site, |captured| captured.inputs.len() > 1500);
+    let kept = captured.snapshots.iter().filter(|snapshot| snapshot.kind == PieceKind::Preview).count();
+    assert!(kept > 100, "{kept} previews");
+    let ticks = again(&captured);
+    assert!(ticks > 300, "{ticks} ticks until a gap");
+    let status = daemon.end().unwrap().status;
+    let external = status.external;
+    assert!(external.taken > 200 && external.latency.p50_ns > 0 && external.hits > 200, "{external:?}");
+    assert_eq!((status.counters.telemetry_failed, status.counters.allocations), (0, 0));
 }
 
 #[test]

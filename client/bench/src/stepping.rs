@@ -9,7 +9,9 @@ use std::time::Instant;
 use foretrace_config::Config;
 use foretrace_control::follower::{Budget, Follower, FollowerSettings, NoClock};
 use foretrace_control::learn::Learner;
-use foretrace_control::predict::{OnlineWeights, PredictorKind};
+use foretrace_control::predict::{
+    ExternalPreview, LearnStep, MAX_PREVIEW, Needs, OnlineWeights, PredictorKind,
+};
 use serde::Serialize;
 
 use crate::workload::{J, Workload};
@@ -69,6 +71,8 @@ struct TimedLoop<const N: usize> {
     follower: Follower<N, J>,
     learner: Learner,
     weights: Option<OnlineWeights>,
+    /// Of the process that predicts, where one does.
+    coming: Option<ExternalPreview>,
     any: Vec<f64>,
     new_preview: Vec<f64>,
     new_weights: Vec<f64>,
@@ -82,14 +86,23 @@ pub(crate) fn by_predictor<const N: usize>(
     samples: u32,
 ) -> Result<(Vec<PredictorSteps>, CostQuantiles), Failure> {
     let mut loops = Vec::new();
-    for kind in PredictorKind::BUILT_IN.into_iter().filter(|kind| config.models().has(*kind)) {
+    for kind in PredictorKind::LIVE.into_iter().filter(|kind| config.models().has(*kind)) {
         let mut settings = config.follower_settings();
         settings.preview.kind = kind;
         let learner = Learner::new(config.learner_settings(), config.models())
             .map_err(|error| Failure::bad_input(error, ""))?;
         let (any, new_preview, new_weights) = (Vec::new(), Vec::new(), Vec::new());
         let follower = follower::<N>(settings)?;
-        loops.push(TimedLoop { kind, follower, learner, weights: None, any, new_preview, new_weights });
+        loops.push(TimedLoop {
+            kind,
+            follower,
+            learner,
+            weights: None,
+            coming: None,
+            any,
+            new_preview,
+            new_weights,
+        });
     }
     let (skip, count) = (warm_up(workload), loops.len());
     let mut learning = Vec::new();
@@ -101,6 +114,8 @@ pub(crate) fn by_predictor<const N: usize>(
             let weights = one.weights.take();
             let mut input = tick.input();
             input.weights = weights.as_ref();
+            let coming = one.coming.take();
+            input.preview = coming.as_ref();
             let input = black_box(input);
             let begin = Instant::now();
             let output = black_box(one.follower.step(black_box(&input), Budget::default(), &mut NoClock));
@@ -114,6 +129,7 @@ pub(crate) fn by_predictor<const N: usize>(
                 }
             }
             for step in output.learn.iter().take(output.learn_count) {
+                one.coming = (one.kind.needs() == Needs::Process).then(|| repeated(step));
                 let begin = Instant::now();
                 let lesson = black_box(one.learner.learn(step));
                 learning.push(elapsed_us(begin));
@@ -133,6 +149,18 @@ pub(crate) fn by_predictor<const N: usize>(
         new_weights: cost(one.new_weights),
     });
     Ok((steps.collect(), cost(learning)))
+}
+
+/// What a process answers that repeats the last displacement.
+fn repeated(step: &LearnStep) -> ExternalPreview {
+    let [dx, dy] = step.pen.x.map(|x| x * step.scale_m);
+    let [x, y] = step.position;
+    let mut preview =
+        ExternalPreview { base_index: step.index, count: MAX_PREVIEW, ..ExternalPreview::EMPTY };
+    for (ahead, slot) in (1..).map(f64::from).zip(&mut preview.positions) {
+        *slot = [x + ahead * dx, y + ahead * dy];
+    }
+    preview
 }
 
 fn follower<const N: usize>(settings: FollowerSettings<J>) -> Result<Follower<N, J>, Failure> {

@@ -71,6 +71,12 @@ fn compare(args: &ReplayArgs) -> Result<(), Failure> {
         answer.ticks
     );
     say_gone(&answer.gone);
+    if answer.previews_missing > 0 {
+        say!(
+            "{} previews of another process are missing in the file: the fallback served there",
+            answer.previews_missing
+        );
+    }
     say!(
         "the arm: {:.1} ms of delay, {:.1} ms of servo, {:.1} ms of joint loop; under the recorded commands it is \
          {:.3} mm rms from the recorded one",

@@ -7,6 +7,8 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use foretrace_control::pen::PenReading;
+use foretrace_control::predict::ExternalPreview;
+use foretrace_control::state;
 use foretrace_control::units::Stamp;
 use foretrace_shm::{FaultReason, JOINTS, PieceKind, TickInput, input_flags};
 use foretraced::wire;
@@ -21,8 +23,13 @@ const MAX_STEP_NS: u64 = 1_000_000_000;
 /// A tick of the recorded life.
 #[derive(Debug, Clone)]
 pub(crate) struct RecordedTick {
+    number: u64,
+    /// It was given a preview of another process.
+    given_preview: bool,
     pub now: Stamp,
     pub pen: Vec<PenReading>,
+    /// The preview of another process that it was given.
+    pub preview: Option<ExternalPreview>,
     pub measured: Option<(Stamp, [f64; JOINTS])>,
     pub command: Option<RecordedCommand>,
 }
@@ -39,7 +46,15 @@ impl RecordedTick {
             qd: input.qd,
             enabled: input.flags & input_flags::ENABLED != 0,
         });
-        Self { now: Stamp(input.now_ns), pen, measured, command }
+        Self {
+            number: input.tick,
+            given_preview: input.flags & input_flags::PREVIEW != 0,
+            now: Stamp(input.now_ns),
+            pen,
+            preview: None,
+            measured,
+            command,
+        }
     }
 }
 
@@ -49,6 +64,8 @@ pub(crate) struct Stretch {
     pub settings: Option<String>,
     /// Empty: the loop was never in charge.
     pub ticks: Vec<RecordedTick>,
+    /// Previews of another process that its ticks were given and the file does not hold.
+    pub previews_missing: usize,
     /// Where and why the file ends early.
     pub damage: Option<String>,
 }
@@ -61,6 +78,7 @@ pub(crate) struct Stretch {
 pub(crate) fn longest(path: &Path) -> Result<Stretch, RecordError> {
     let mut reader = RecordingReader::open(path)?;
     let mut settings: BTreeMap<u64, String> = BTreeMap::new();
+    let mut previews: BTreeMap<(u64, u64), Vec<u8>> = BTreeMap::new();
     // Each with its daemon.
     let (mut best, mut life) = ((0, Vec::new()), (0, Vec::new()));
     let (mut last, mut pen): (Option<(u64, u64, u64)>, _) = (None, Vec::new());
@@ -71,6 +89,9 @@ pub(crate) fn longest(path: &Path) -> Result<Stretch, RecordError> {
                 if let Ok(text) = String::from_utf8(thing.bytes) {
                     settings.entry(thing.daemon_id).or_insert(text);
                 }
+            }
+            Content::Thing(thing) if thing.kind == PieceKind::Preview => {
+                previews.insert((thing.daemon_id, thing.number), thing.bytes);
             }
             Content::Input(input) => {
                 if input.part == 0 {
@@ -101,8 +122,16 @@ pub(crate) fn longest(path: &Path) -> Result<Stretch, RecordError> {
     {
         return Err(lack);
     }
-    let (daemon, ticks) = best;
-    Ok(Stretch { settings: settings.remove(&daemon), ticks, damage: reader.damage() })
+    let (daemon, mut ticks) = best;
+    // They come behind the ticks that they belong to.
+    let mut previews_missing = 0;
+    for tick in ticks.iter_mut().filter(|tick| tick.given_preview) {
+        let mut preview = ExternalPreview::EMPTY;
+        let read = previews.get(&(daemon, tick.number)).map(|bytes| state::read(&mut preview, bytes));
+        tick.preview = matches!(read, Some(Ok(()))).then_some(preview);
+        previews_missing += usize::from(tick.preview.is_none());
+    }
+    Ok(Stretch { settings: settings.remove(&daemon), ticks, previews_missing, damage: reader.damage() })
 }
 
 /// Whether `input` is the tick after the last one, given by daemon, number and time, without a leap.

@@ -1,9 +1,9 @@
 //! What if: the hand of a recording in front of another law, behind an arm as the recording shows it.
 //!
-//! Contract: pen samples, their stamps and the ticks are those of the recording; the learner runs in step
-//! with the loop, so that results depend on no machine's speed. The arm is a delay and a servo fitted to the
-//! recorded commands and joint states; how far it is from the recorded arm is part of the result. Absent: the
-//! arm's own limits, late ticks, requests but the first arming.
+//! Contract: pen samples, their stamps, the previews of another process and the ticks are those of the
+//! recording; the learner runs in step with the loop, so that results depend on no machine's speed. The arm
+//! is a delay and a servo fitted to the recorded commands and joint states; how far it is from the recorded
+//! arm is part of the result. Absent: the arm's own limits, late ticks, requests but the first arming.
 
 use std::path::Path;
 
@@ -12,7 +12,7 @@ use foretrace_control::follower::{
     Budget, EnableReading, FollowerSettings, JointReading, Mode, Request, StepInput,
 };
 use foretrace_control::learn::{LearnError, Learner};
-use foretrace_control::predict::OnlineWeights;
+use foretrace_control::predict::{OnlineWeights, PredictorKind};
 use foretrace_control::stop::StopReason;
 use foretrace_control::units::Stamp;
 use foretrace_shm::JOINTS;
@@ -62,6 +62,9 @@ pub struct WhatIfReport {
     pub damage: Option<String>,
     /// Keys of the recorded settings that are gone, each with the reason; they have no effect here.
     pub gone: Vec<String>,
+    /// Previews of another process that ticks were given and the file does not hold: the fallback serves
+    /// there.
+    pub previews_missing: usize,
     /// The arm that was fitted.
     pub arm: Servo,
     /// From the modelled to the recorded tool under the recorded commands, rms \[mm\].
@@ -120,7 +123,8 @@ impl Variant {
                 ("trust", alpha) => {
                     change("trust.mode", "manual");
                     // A whole number is not a number with a point in TOML.
-                    let alpha = if alpha.contains('.') { alpha.to_owned() } else { format!("{alpha}.0") };
+                    let whole = alpha.parse::<i64>().is_ok();
+                    let alpha = if whole { format!("{alpha}.0") } else { alpha.to_owned() };
                     change("trust.value", &alpha);
                 }
                 (key, value) => change(key, value),
@@ -157,7 +161,7 @@ pub fn what_if(path: &Path, variants: &[Variant], threads: usize) -> Result<What
 }
 
 fn answered(stretch: Stretch, variants: &[Variant], threads: usize) -> Result<WhatIfReport, WhatIfError> {
-    let Stretch { settings, ticks: life, damage } = stretch;
+    let Stretch { settings, ticks: life, previews_missing, damage } = stretch;
     if life.is_empty() {
         return Err(WhatIfError::TooLittle { what: "no armed loop" });
     }
@@ -167,6 +171,14 @@ fn answered(stretch: Stretch, variants: &[Variant], threads: usize) -> Result<Wh
     // All settings are judged before the first is run.
     let jobs =
         all.map(|variant| Ok((variant, variant.config(&toml)?))).collect::<Result<Vec<_>, WhatIfError>>()?;
+    if !life.iter().any(|tick| tick.preview.is_some())
+        && let Some((variant, _)) =
+            jobs.iter().find(|(_, config)| config.settings().predictor.kind == PredictorKind::EXTERNAL)
+    {
+        let why = "predictor.kind is external, and the recording holds no preview of another process: choose a \
+                   built-in predictor, for example predictor=mixture";
+        return Err(WhatIfError::Settings { variant: variant.name.clone(), why: why.to_owned() });
+    }
     let Some((_, config)) = jobs.first() else { return Err(WhatIfError::TooLittle { what: "no settings" }) };
     let settings = config.follower_settings();
     let pen = pen_path(&life, &settings);
@@ -221,6 +233,7 @@ fn answered(stretch: Stretch, variants: &[Variant], threads: usize) -> Result<Wh
         ticks: life.len(),
         damage,
         gone: config.gone(),
+        previews_missing,
         arm,
         arm_misfit_mm: misfit,
         rows,
@@ -334,6 +347,7 @@ fn run(
             // Until it is accepted: the arm has to stand for a moment first.
             request: (!armed).then_some(Request::Arm),
             weights: weights.as_deref(),
+            preview: tick.preview.as_ref(),
             ..StepInput::nothing(now)
         };
         let output = law.tick(&input, Budget::default());

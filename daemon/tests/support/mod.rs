@@ -167,7 +167,7 @@ pub struct Peer {
 }
 
 impl Peer {
-    fn start(work: impl FnOnce(&AtomicBool) + Send + 'static) -> Self {
+    pub fn start(work: impl FnOnce(&AtomicBool) + Send + 'static) -> Self {
         let quit = Arc::new(AtomicBool::new(false));
         let seen = quit.clone();
         Self { quit, thread: Some(std::thread::spawn(move || work(&seen))) }

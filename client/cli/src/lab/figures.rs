@@ -3,7 +3,7 @@
 use std::fmt::Display;
 use std::path::PathBuf;
 
-use foretrace_control::predict::PredictorKind;
+use foretrace_control::predict::{Needs, PredictorKind};
 use foretrace_lab::experiments::{LawEntrant, fig2, fig2_entrant, fig2_json, fig2_names, fig3};
 use serde_json::json;
 
@@ -47,8 +47,10 @@ impl Experiment {
     }
 
     pub(super) fn fig3(&self, args: &Fig3Args) -> Result<(), Failure> {
-        let kind = PredictorKind::from_name(&args.predictor).ok_or_else(|| {
-            let known = PredictorKind::ALL.map(PredictorKind::name).join(", ");
+        // What another process predicts is nothing that this one can draw.
+        let own = || PredictorKind::ALL.into_iter().filter(|kind| kind.needs() != Needs::Process);
+        let kind = own().find(|kind| kind.name() == args.predictor).ok_or_else(|| {
+            let known = own().map(PredictorKind::name).collect::<Vec<_>>().join(", ");
             unknown(&args.predictor, &known, "--predictor")
         })?;
         self.needs_network(kind)?;

@@ -354,6 +354,8 @@ class WhatIf:
     ticks: int
     damage: str | None
     gone: list[str]
+    previews_missing: int
+    """Previews of another process that the file does not hold: the fallback served there."""
     arm: Arm
     arm_misfit_mm: float
     """From the modelled to the recorded tool under the recorded commands, rms [mm]."""

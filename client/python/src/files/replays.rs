@@ -86,6 +86,7 @@ fn what_if(python: Python<'_>, path: PathBuf, variants: Vec<NamedChanges>) -> Py
         "ticks" => is.ticks,
         "damage" => &is.damage,
         "gone" => &is.gone,
+        "previews_missing" => is.previews_missing,
         "delay_s" => is.arm.delay_s,
         "filter_s" => is.arm.filter_s,
         "joint_loop_s" => is.arm.joint_loop_s,

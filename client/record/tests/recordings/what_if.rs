@@ -1,12 +1,14 @@
 //! The same hand in front of another law, behind the arm that was fitted to the recording.
 
-use foretrace_config::Config;
+use foretrace_config::{Config, Draft};
 use foretrace_control::follower::{Budget, Follower, JointReading, NoClock, Request};
 use foretrace_control::learn::Learner;
 use foretrace_control::pen::PenReading;
-use foretrace_control::predict::OnlineWeights;
+use foretrace_control::predict::{ExternalPreview, OnlineWeights};
+use foretrace_control::state;
 use foretrace_control::units::Stamp;
 use foretrace_record::picture::draw;
+use foretrace_record::replay::ReplayEnd;
 use foretrace_record::what_if::{Variant, what_if};
 use foretrace_shm::{PieceKind, Thing, TickInput};
 use foretrace_sim::arm::{ArmModel, ArmSettings};
@@ -15,27 +17,37 @@ use tempfile::TempDir;
 
 use super::{DAEMON, replayed, written};
 
+/// Where the hand is \[m\]: strokes with lifts, so that there is a worst one.
+fn hand(t: f64) -> [f64; 2] {
+    [0.03 * (4.0 * t).sin() + 0.01 * (11.0 * t).sin(), 0.025 * (6.3 * t).cos()]
+}
+
 /// Seven seconds of a hand in front of the preset, behind a servo of 30 ms, with a learner in step.
 fn behind_a_servo() -> (Vec<TickInput>, f64, Thing) {
-    let config = Config::preset("ur5").unwrap();
+    let (inputs, lag_s, settings, _) = recorded(&Config::preset("ur5").unwrap(), false);
+    (inputs, lag_s, settings)
+}
+
+/// The same by `config`; where `foreseen`, a process that knows the hand answers each step one tick later.
+/// With the previews that ticks were given.
+fn recorded(config: &Config, foreseen: bool) -> (Vec<TickInput>, f64, Thing, Vec<Thing>) {
     let settings = config.follower_settings();
     let (period, home) = (settings.period_ns, settings.ik.home);
     let period_s = period as f64 * 1e-9;
-    let mut follower = Follower::<20, 6>::new(settings).unwrap();
     let servo = ArmSettings::ur5(period_s, 0.03);
     let mut arm = ArmModel::at_rest(servo, home);
     let (mut target, mut q, mut qd) = (home, home, [0.0; 6]);
     let mut learner = Learner::new(config.learner_settings(), config.models()).unwrap();
     let mut fresh: Option<Box<OnlineWeights>> = None;
-    let mut inputs = Vec::new();
+    let (mut inputs, mut previews, mut coming) = (Vec::new(), Vec::new(), None::<ExternalPreview>);
+    let (plane, step_ns, origin_ns) = (settings.plane, settings.pen.step_ns, 10_000_000_000_u64);
+    let mut follower = Follower::<20, 6>::new(settings).unwrap();
     for tick in 1..=(7.0 / period_s) as u64 {
         let now = Stamp(10_000_000_000 + tick * period);
         let t = tick as f64 * period_s;
         let mut pen = Vec::new();
         if tick.is_multiple_of(3) && t > 0.2 {
-            // Strokes with lifts, so that there is a worst one.
-            let position = [0.03 * (4.0 * t).sin() + 0.01 * (11.0 * t).sin(), 0.025 * (6.3 * t).cos()];
-            pen.push(PenReading::new(now, position, t % 1.7 > 0.2));
+            pen.push(PenReading::new(now, hand(t), t % 1.7 > 0.2));
         }
         let joints = JointReading { stamp: now, q, qd, motion_allowed: true };
         let given = Given {
@@ -47,16 +59,30 @@ fn behind_a_servo() -> (Vec<TickInput>, f64, Thing) {
             request: (tick == 5).then_some(Request::Arm),
             halt: None,
             weights: None,
-            preview: false,
+            preview: coming.is_some(),
             unsent: false,
             pen_samples: pen.len() as u32,
             complete: true,
         };
         let weights = fresh.take();
-        let input = given.step_input(&pen, weights.as_deref(), None);
+        let preview = coming.take();
+        if let Some(preview) = &preview {
+            let bytes = state::bytes_of(preview).unwrap();
+            previews.push(Thing { kind: PieceKind::Preview, number: tick, daemon_id: DAEMON, bytes });
+        }
+        let input = given.step_input(&pen, weights.as_deref(), preview.as_ref());
         let output = follower.step(&input, given.budget, &mut NoClock);
         for step in output.learn.iter().take(output.learn_count) {
-            if learner.learn(step).hand_over {
+            if foreseen {
+                let mut preview =
+                    ExternalPreview { base_index: step.index, count: 64, ..ExternalPreview::EMPTY };
+                for (ahead, slot) in (1..).zip(&mut preview.positions) {
+                    let at_ns = (step.index + ahead) * step_ns;
+                    *slot = plane.from_pen(hand((at_ns as f64 - origin_ns as f64) * 1e-9));
+                }
+                coming = Some(preview);
+            }
+            if config.settings().learner.enabled && learner.learn(step).hand_over {
                 fresh = Some(Box::new(*learner.weights()));
             }
         }
@@ -74,7 +100,55 @@ fn behind_a_servo() -> (Vec<TickInput>, f64, Thing) {
         daemon_id: DAEMON,
         bytes: config.render().into_bytes(),
     };
-    (inputs, servo.group_delay_s(), settings)
+    (inputs, servo.group_delay_s(), settings, previews)
+}
+
+/// The fallback is Hold, so that every figure tells whether the previews were used.
+#[test]
+fn previews_of_another_process_come_again_in_a_replay_and_in_front_of_another_law() {
+    let place = TempDir::new().unwrap();
+    let draft =
+        Draft::preset("ur5").set("predictor.kind", "external").set("predictor.external.fallback", "hold");
+    let draft = draft.set("learner.enabled", "false");
+    let config = draft.finish().unwrap();
+    let (inputs, _, settings, previews) = recorded(&config, true);
+    assert!(previews.len() > 500, "{}", previews.len());
+    let mut things = vec![&settings];
+    things.extend(&previews);
+    let file = written(&place, "run.mcap", &things, &inputs);
+    let again = replayed(&file);
+    assert_eq!(
+        (again.ticks, again.difference, &again.end),
+        (inputs.len() as u64, None, &ReplayEnd::OfRecording)
+    );
+    let answer = what_if(&file, &[Variant::parse("predictor=hold").unwrap()], 2).unwrap();
+    let rms = |row: usize| answer.rows[row].rms_mm;
+    println!("{} mm as recorded, {} mm again, {} mm by hold", rms(0), rms(1), rms(2));
+    assert_eq!(answer.previews_missing, 0);
+    // Samples newer than the grid leave Hold little to be worse by.
+    assert!(
+        (rms(1) / rms(0) - 1.0).abs() < 0.01 && rms(2) > 1.03 * rms(1),
+        "{} {} {}",
+        rms(0),
+        rms(1),
+        rms(2)
+    );
+
+    // Some are lost: that is where a replay ends, and another law is told how many.
+    things.truncate(400);
+    let number = previews[399].number;
+    let file = written(&place, "lost.mcap", &things, &inputs);
+    let again = replayed(&file);
+    assert_eq!(
+        (again.ticks, again.difference, again.end),
+        (number - 1, None, ReplayEnd::NoPreview { tick: number })
+    );
+    let answer = what_if(&file, &[], 1).unwrap();
+    assert_eq!(answer.previews_missing, previews.len() - 399);
+    // Without any there is nothing of that predictor to show.
+    let file = written(&place, "none.mcap", &[&settings], &inputs);
+    let refused = what_if(&file, &[], 1).unwrap_err().to_string();
+    assert!(refused.contains("holds no preview"), "{refused}");
 }
 
 #[test]
