@@ -20,6 +20,10 @@ except ImportError:
 MESSAGES = [PenSample, JointCommand, JointState, TickRecord, Status, ControlResponse]
 
 
+def records():
+    return [kind for kind in vars(messages).values() if isinstance(kind, type) and issubclass(kind, Record) and kind is not Record]
+
+
 class Messages(unittest.TestCase):
     def test_the_module_is_what_the_program_prints(self):
         printed = subprocess.run([PROGRAM, "schema", "python"], capture_output=True, text=True, check=True).stdout
@@ -39,6 +43,21 @@ class Messages(unittest.TestCase):
         self.assertEqual(status.to_dict()["predictor"], {"bytes": "mixture"})
         self.assertEqual((Mode(2).label, Mode.words(77)), ("following", "unknown (77)"))
 
+    def test_arrays_of_enumerations_are_words_and_every_record_has_some(self):
+        arrays = 0
+        for kind in records():
+            words = kind.__doc__ or ""
+            self.assertTrue(words.strip(), kind.__name__)
+            told = kind().to_dict()
+            self.assertNotIn("object at", repr(kind()), kind.__name__)
+            for name, of in kind._kinds_.items():
+                if isinstance(getattr(kind(), name), ctypes.Array):
+                    arrays += 1
+                    self.assertEqual(len(told[name]), len(getattr(kind(), name)))
+                    for word in told[name]:
+                        self.assertIn(word, [member.label for member in of], f"{kind.__name__}.{name}")
+        self.assertGreater(arrays, 0)
+
     def test_every_field_has_its_place_and_no_gap(self):
         def check(record):
             end = 0
@@ -48,9 +67,8 @@ class Messages(unittest.TestCase):
                 end += field.size
             self.assertEqual(end, ctypes.sizeof(record))
 
-        kinds = [kind for kind in vars(messages).values() if isinstance(kind, type) and issubclass(kind, Record) and kind is not Record]
-        self.assertGreater(len(kinds), 10)
-        for kind in kinds:
+        self.assertGreater(len(records()), 10)
+        for kind in records():
             check(kind)
 
     @unittest.skipIf(numpy is None, "numpy is not installed")

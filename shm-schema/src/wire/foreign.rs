@@ -97,17 +97,45 @@ pub(super) fn screaming(name: &str) -> String {
     snake(name).to_uppercase()
 }
 
+/// The lines of documentation in attributes as `stringify!` writes them, which breaks lines where it likes.
+pub(super) fn doc_lines(attributes: &str) -> Vec<String> {
+    let mut lines = Vec::new();
+    let mut rest = attributes;
+    while let Some((_, after)) = rest.split_once("doc =") {
+        let Some((before, body)) = after.split_once('"') else { break };
+        let (text, left) = if before.trim_start().starts_with('r') {
+            let closing = format!("\"{}", "#".repeat(before.matches('#').count()));
+            let (text, left) = body.split_once(closing.as_str()).unwrap_or((body, ""));
+            (text.to_owned(), left)
+        } else {
+            unescaped(body)
+        };
+        lines.push(text.trim().to_owned());
+        rest = left;
+    }
+    lines
+}
+
+/// A literal up to its closing quote, and what follows it.
+fn unescaped(body: &str) -> (String, &str) {
+    let (mut text, mut letters) = (String::new(), body.char_indices());
+    while let Some((at, letter)) = letters.next() {
+        match letter {
+            '"' => return (text, body.get(at + 1..).unwrap_or_default()),
+            '\\' => match letters.next() {
+                Some((_, 'n' | 't' | 'r')) => text.push(' '),
+                Some((_, escaped)) => text.push(escaped),
+                None => {}
+            },
+            _ => text.push(letter),
+        }
+    }
+    (text, "")
+}
+
 /// The documentation in attributes as `stringify!` writes them, without the marks of rustdoc.
 pub(super) fn documentation(attributes: &str) -> String {
-    let lines = attributes.lines().filter_map(|line| line.strip_prefix("doc = "));
-    let words: Vec<String> = lines
-        .map(|line| {
-            let quoted = line.trim_start_matches('r').trim_matches('#');
-            let text = quoted.strip_prefix('"').and_then(|text| text.strip_suffix('"')).unwrap_or(quoted);
-            text.replace("\\\\", "\\").replace("\\\"", "\"").trim().to_owned()
-        })
-        .collect();
-    words
+    doc_lines(attributes)
         .join(" ")
         .replace("\\[", "\u{1}")
         .replace("\\]", "\u{2}")
@@ -135,5 +163,13 @@ mod tests {
             ),
             "Position [m] of health. Two * / lines."
         );
+        // As long lines are broken, raw with a quote inside, and escaped.
+        assert_eq!(
+            documentation(
+                "doc =\nr\" Many words.\"\ndoc =\n    r#\" Says \"so\", doc = x.\"#\nallow(x)\ndoc = \" a \\\"b\\\" \\\\[s\\\\]\"\n"
+            ),
+            "Many words. Says \"so\", doc = x. a \"b\" [s]"
+        );
+        assert_eq!(documentation("allow(x)\n"), "");
     }
 }

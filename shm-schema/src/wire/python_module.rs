@@ -7,7 +7,7 @@
 use std::fmt::Write as _;
 
 use super::foreign::{
-    LAYOUT_HASH, MESSAGES, WireVariant, documentation, enumerations, flag_words, screaming,
+    LAYOUT_HASH, MESSAGES, WireVariant, doc_lines, documentation, enumerations, flag_words, screaming,
 };
 use super::layout::{Declaration, WireShape};
 
@@ -98,8 +98,8 @@ impl ModuleText {
 
     /// The class behind a field whose documentation begins with a link to an enumeration or a flag word.
     fn kind(&self, attributes: &str) -> Option<&str> {
-        let first = attributes.lines().find(|line| line.starts_with("doc = "))?;
-        let link = first.split_once('"')?.1.trim_start().strip_prefix("[`")?.split('`').next()?;
+        let lines = doc_lines(attributes);
+        let link = lines.first()?.strip_prefix("[`")?.split('`').next()?;
         let name = link.trim_start_matches("mod@").trim_start_matches("crate::");
         self.kinds.iter().find(|(source, _)| source == name).map(|(_, class)| class.as_str())
     }
@@ -179,6 +179,51 @@ mod tests {
             assert!(!module.contains(&format!("\n    {word}: ")), "{word}");
             assert!(!module.contains(&format!("\n    {word} = ")), "{word}");
         }
+    }
+
+    /// The documentation that `stringify!` gives is whole: none is dropped where it breaks a line.
+    #[test]
+    fn every_record_and_field_has_all_its_documentation() {
+        fn judge(shape: &WireShape, module: &str, fields: &mut usize) {
+            match shape {
+                WireShape::Number(_) => {}
+                WireShape::Array(of, _) => judge(of, module, fields),
+                WireShape::Struct(declaration) => {
+                    let class = format!("\nclass {}(Record):\n", declaration.name);
+                    let (_, body) = module.split_once(&class).expect(declaration.name);
+                    let body = body.split("_fields_").next().expect("before the fields");
+                    assert_eq!(last_word(declaration.attributes), last(body.lines().next()), "{class}");
+                    for field in declaration.fields {
+                        let line = format!("\n    {}: ", field.name);
+                        let (before, _) = body.split_once(&line).expect(field.name);
+                        let told = before.lines().last();
+                        let place = format!("{}.{}", declaration.name, field.name);
+                        assert!(told.is_some_and(|told| told.starts_with("    #: ")), "{place}: {told:?}");
+                        assert_eq!(last_word(field.attributes), last(told), "{place}");
+                        judge(field.shape, module, fields);
+                        *fields += 1;
+                    }
+                }
+            }
+        }
+        // Independent of the reader of literals: the last quote of the last attribute that documents.
+        fn last_word(attributes: &str) -> String {
+            let last = attributes.rfind("doc =").and_then(|at| attributes.get(at..)).unwrap_or_default();
+            let end = last.rfind('"').unwrap_or_default();
+            let begin = last.find('"').map_or(0, |at| at + 1);
+            letters(last.get(begin..end).unwrap_or_default().split_whitespace().last().unwrap_or_default())
+        }
+        fn last(line: Option<&str>) -> String {
+            letters(line.unwrap_or_default().split_whitespace().last().unwrap_or_default())
+        }
+        fn letters(word: &str) -> String {
+            word.replace("mod@", "").chars().filter(|letter| letter.is_alphanumeric()).collect()
+        }
+        let module = python_module();
+        assert!(!module.contains("\"\"\"\"\"\""), "a record without words");
+        let mut fields = 0;
+        MESSAGES.iter().for_each(|shape| judge(shape, &module, &mut fields));
+        assert!(fields > 250, "{fields}");
     }
 
     /// Made by `foretrace schema python`; `FORETRACE_BLESS=1` writes it anew.

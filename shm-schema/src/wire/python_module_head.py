@@ -41,6 +41,9 @@ class Record(ctypes.LittleEndianStructure):
         return {name: self._plain(name, getattr(self, name)) for name, *_ in self._fields_}
 
     def _plain(self, name: str, value: Any) -> Any:
+        if isinstance(value, ctypes.Array):
+            # Each item is of the field's kind.
+            return [self._plain(name, item) for item in value]
         kind = self._kinds_.get(name)
         if kind is not None and issubclass(kind, Enumeration):
             return kind.words(value)
@@ -50,8 +53,6 @@ class Record(ctypes.LittleEndianStructure):
             return value.decode("utf-8", "replace")
         if isinstance(value, Record):
             return value.to_dict()
-        if isinstance(value, ctypes.Array):
-            return [self._plain("", item) for item in value]
         return value
 
     @classmethod

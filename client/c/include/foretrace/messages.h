@@ -767,6 +767,7 @@ static inline const char *foretrace_preview_refusal_label(int64_t number) {
 typedef struct foretrace_header {
   /** Sequence number of the message of its publisher, from 1. */
   uint64_t sequence;
+  /** Monotonic clock [ns]: when it was sent, except for commands (see JointCommand). */
   uint64_t stamp_ns;
   /** The sender's host_boot_id(). */
   uint64_t boot_id;
@@ -776,10 +777,11 @@ FORETRACE_ASSERT(offsetof(foretrace_header, sequence) == 0);
 FORETRACE_ASSERT(offsetof(foretrace_header, stamp_ns) == 8);
 FORETRACE_ASSERT(offsetof(foretrace_header, boot_id) == 16);
 
-/** writer. */
+/** One reading of the pen. Positions are in metres in the device's plane, x right, y away from the writer. */
 typedef struct foretrace_pen_sample {
   /** Stamp: when it was sent. */
   foretrace_header header;
+  /** When the pen was there [ns], mapped by the reader to this host's monotonic clock. */
   uint64_t device_stamp_ns;
   /** Position [m]. */
   double x_m;
@@ -804,6 +806,7 @@ FORETRACE_ASSERT(offsetof(foretrace_pen_sample, tilt_x_rad) == 52);
 FORETRACE_ASSERT(offsetof(foretrace_pen_sample, tilt_y_rad) == 56);
 FORETRACE_ASSERT(offsetof(foretrace_pen_sample, flags) == 60);
 
+/** Joint positions to be reached at header.stamp_ns, one control period after the tick that made them. */
 typedef struct foretrace_joint_command {
   /** Stamp: the time at which q holds; up to one period in the future. */
   foretrace_header header;
@@ -813,7 +816,9 @@ typedef struct foretrace_joint_command {
   uint64_t tick;
   /** The consumer brakes from this time on [ns]. */
   uint64_t valid_until_ns;
+  /** Identity of the newest pen sample behind it: its number in its publisher's sequence; 0: none. */
   uint64_t pen_sequence;
+  /** Identity of the newest pen sample behind it: its device stamp [ns]; 0: none. */
   uint64_t pen_stamp_ns;
   /** Joint positions at the stamp [rad]. */
   double q[6];
@@ -836,10 +841,13 @@ FORETRACE_ASSERT(offsetof(foretrace_joint_command, qd) == 112);
 FORETRACE_ASSERT(offsetof(foretrace_joint_command, mode) == 160);
 FORETRACE_ASSERT(offsetof(foretrace_joint_command, flags) == 164);
 
+/** The line between an arm's process and the arm's own controller. All zero where there is none. */
 typedef struct foretrace_arm_line {
-  /** unknown. */
+  /** From a state of the arm to the cycle of its controller that used the answer to it [ns]; 0: unknown. */
   uint64_t round_trip_ns;
+  /** Cycles of the controller that had no fresh command, while the arm followed. */
   uint64_t late_cycles;
+  /** Commands that the controller never saw, because a newer one came within the same cycle. */
   uint64_t lost_commands;
   /** crate.arm_flags. */
   uint32_t flags;
@@ -859,7 +867,9 @@ typedef struct foretrace_joint_state {
   foretrace_header header;
   /** The robot's own clock [ns]; 0: none. */
   uint64_t robot_stamp_ns;
+  /** Tick of the newest command accepted; 0: none. This and the next three are filled in by echo. */
   uint64_t command_tick;
+  /** When that command was accepted, on this host's clock [ns]; 0: unknown. */
   uint64_t command_accepted_ns;
   /** pen_sequence of that command. */
   uint64_t pen_sequence;
@@ -873,6 +883,7 @@ typedef struct foretrace_joint_state {
   double q[6];
   /** Joint velocities [rad/s]. */
   double qd[6];
+  /** Joint currents or torques, positive along each joint's axis, in effort_unit. */
   double effort[6];
   /** SafetyMode. */
   uint32_t safety_mode;
@@ -903,14 +914,17 @@ FORETRACE_ASSERT(offsetof(foretrace_joint_state, effort_unit) == 232);
 FORETRACE_ASSERT(offsetof(foretrace_joint_state, note) == 236);
 FORETRACE_ASSERT(offsetof(foretrace_joint_state, line) == 240);
 
-/** The latency from pen to arm in parts [ns]; u64.MAX: unknown.  separate. */
+/** The latency from pen to arm in parts [ns]; u64.MAX: unknown.  Not to be summed: a command is stamped one control period after its tick, so compute and transport within that period delay nothing. The arm's own lag, from a command's stamp to the motion, is separate. */
 typedef struct foretrace_chain {
+  /** Device stamp to sent, of the newest pen sample: time of the device and its reader. */
   uint64_t pen_reader_ns;
+  /** Sent to received by a tick, of the newest pen sample: shared memory, and waiting for the tick. */
   uint64_t pen_transport_ns;
   /** Device stamp of the newest pen sample to the release of the tick. */
   uint64_t pen_age_ns;
   /** Start of the tick to the command handed to the middleware. */
   uint64_t compute_ns;
+  /** Handed to the middleware to accepted by the arm, of the newest command that the arm has echoed. */
   uint64_t command_transport_ns;
 } foretrace_chain;
 FORETRACE_ASSERT(sizeof(foretrace_chain) == 40);
@@ -960,6 +974,7 @@ typedef struct foretrace_counters {
   uint64_t pen_outliers;
   /** Gaps in the pen's device stamps. */
   uint64_t pen_gaps;
+  /** Ticks that left pen samples for the next one, because a tick takes a bounded number. */
   uint64_t pen_deferred_ticks;
   /** Pen samples refused, by reason. */
   foretrace_rejections pen_rejected;
@@ -985,6 +1000,7 @@ typedef struct foretrace_counters {
   uint64_t learner_ring_dropped;
   /** Sets of weights refused by the loop. */
   uint64_t weights_refused;
+  /** Sets of weights that a newer set overtook before the loop took them up. */
   uint64_t weights_overtaken;
   /** Events of the learner lost because its channel was full. */
   uint64_t learner_events_lost;
@@ -992,6 +1008,7 @@ typedef struct foretrace_counters {
   uint64_t requests;
   /** Requests answered with a refusal. */
   uint64_t requests_refused;
+  /** Heap allocations on the real-time thread after warm-up, except in ticks with a connection change. */
   uint64_t allocations;
   /** Heap allocations in ticks in which a port connected or disconnected. */
   uint64_t connection_allocations;
@@ -1037,14 +1054,15 @@ FORETRACE_ASSERT(offsetof(foretrace_counters, connection_ticks) == 368);
 FORETRACE_ASSERT(offsetof(foretrace_counters, page_faults_minor) == 376);
 FORETRACE_ASSERT(offsetof(foretrace_counters, page_faults_major) == 384);
 
+/** The arm's lag from a command's stamp to the motion, measured in normal operation. */
 typedef struct foretrace_arm_lag {
   /** Dead time by which the plan looks ahead [ns]. */
   uint64_t dead_time_ns;
   /** Group delay at low frequency [s]. */
   double lag_s;
-  /** meaningless. */
+  /** Its standard deviation [s]; negative: the lag is unknown, and the fields beside it are meaningless. */
   double std_s;
-  /** arm is a filter. */
+  /** Shift of the commands that fits the recent motion best [s]; shorter than the group delay if the arm is a filter. */
   double shift_s;
 } foretrace_arm_lag;
 FORETRACE_ASSERT(sizeof(foretrace_arm_lag) == 32);
@@ -1053,6 +1071,7 @@ FORETRACE_ASSERT(offsetof(foretrace_arm_lag, lag_s) == 8);
 FORETRACE_ASSERT(offsetof(foretrace_arm_lag, std_s) == 16);
 FORETRACE_ASSERT(offsetof(foretrace_arm_lag, shift_s) == 24);
 
+/** Evidence behind a latched stop: which joint, how much, and the limit that was broken. */
 typedef struct foretrace_stop_detail {
   /** StopCause, which determines the unit of amount and limit. */
   uint32_t cause;
@@ -1062,6 +1081,7 @@ typedef struct foretrace_stop_detail {
   double amount;
   /** Allowed value. */
   double limit;
+  /** Release of the tick in which the stop latched [ns]; 0: no stop has latched. */
   uint64_t at_ns;
 } foretrace_stop_detail;
 FORETRACE_ASSERT(sizeof(foretrace_stop_detail) == 32);
@@ -1093,7 +1113,9 @@ typedef struct foretrace_tick_record {
   uint32_t shed;
   /** Whole periods dropped before this tick. */
   uint32_t skipped_ticks;
+  /** Identity of the newest pen sample: its number in its publisher's sequence; 0: none yet. */
   uint64_t pen_sequence;
+  /** Identity of the newest pen sample: its device stamp [ns]; 0: none yet. */
   uint64_t pen_stamp_ns;
   /** Latencies, part by part. */
   foretrace_chain chain;
@@ -1109,7 +1131,9 @@ typedef struct foretrace_tick_record {
   double measured_q[6];
   /** Tick of the newest command that the arm has echoed; 0: none. */
   uint64_t echo_tick;
+  /** Identity of the pen sample behind that command, as echoed: its number. */
   uint64_t echo_pen_sequence;
+  /** Identity of the pen sample behind that command, as echoed: its device stamp [ns]. */
   uint64_t echo_pen_stamp_ns;
   /** Reference of the tool at the command's stamp [m]. */
   double reference_m[3];
@@ -1119,6 +1143,7 @@ typedef struct foretrace_tick_record {
   double setpoint_mps[3];
   /** Setpoint: acceleration [m/s²]. */
   double setpoint_mps2[3];
+  /** Jerk of the setpoint since the tick before [m/s³]; 0 where that tick sent no command. */
   double jerk_mps3[3];
   /** Tool position of the published command [m]. */
   double tool_m[3];
@@ -1168,8 +1193,9 @@ typedef struct foretrace_tick_record {
   double orientation_error_rad;
   /** Distance to the nearest singularity [m]; negative: not computed. */
   double singularity_m;
+  /** One-step error of the predictor at the newest closed grid step [m]; negative: none. */
   double predictor_error_m;
-  /** negative: unknown. */
+  /** Radius about the plan's first reference in which the pen is expected in nine of ten cases [m]; negative: unknown. */
   double predictor_band_m;
   /** Version of the weights in use. */
   uint64_t learner_version;
@@ -1187,10 +1213,13 @@ typedef struct foretrace_tick_record {
   foretrace_counters counters;
   /** The arm's lag, and the plan's dead time. */
   foretrace_arm_lag arm_lag;
+  /** Tool position of the command at the same stamp at Hold (trust 0) [m]; zero without a ghost. */
   double ghost_tool_m[3];
+  /** The time of the next two distances, a tenth of a second back [ns]; 0: none in this tick. */
   uint64_t compared_ns;
-  /** this tick. */
+  /** Distance of the measured tool from the pen at that time, in the plane [m]; negative: none in this tick. */
   double error_m;
+  /** The same for the ghost's tool, behind an arm of the same lag [m]; negative: none in this tick. */
   double ghost_error_m;
   /** GhostState. */
   uint32_t ghost_state;
@@ -1198,13 +1227,15 @@ typedef struct foretrace_tick_record {
   uint32_t compared_contact;
   /** Evidence behind the newest latched stop. */
   foretrace_stop_detail stop;
+  /** Fraction of the commanded speed at which the arm moves; negative: unknown. */
   double arm_speed_share;
   /** The line to the arm's controller. */
   foretrace_arm_line arm_line;
+  /** Points of the next field that are known; 0: there was no preview, or no plan. */
   uint32_t path_points;
   /** 0. */
   uint32_t reserved;
-  /** turn, from soon to late, the plan's last reference at the end [m]. */
+  /** The previewed path that the plan was to follow, as far as it trusted it: x and y of each point in turn, from soon to late, the plan's last reference at the end [m]. */
   float path_m[20];
 } foretrace_tick_record;
 FORETRACE_ASSERT(sizeof(foretrace_tick_record) == 1384);
@@ -1304,7 +1335,7 @@ typedef struct foretrace_latency {
   uint64_t count;
   /** Percentiles, saturated at 4.29 s. */
   foretrace_percentiles percentiles;
-  /** counts the rest, saturated. */
+  /** Counts of measurements below Latency.edge_us and not below the edge before; the last bin counts the rest, saturated. */
   uint32_t bins[20];
 } foretrace_latency;
 FORETRACE_ASSERT(sizeof(foretrace_latency) == 104);
@@ -1312,12 +1343,15 @@ FORETRACE_ASSERT(offsetof(foretrace_latency, count) == 0);
 FORETRACE_ASSERT(offsetof(foretrace_latency, percentiles) == 8);
 FORETRACE_ASSERT(offsetof(foretrace_latency, bins) == 24);
 
+/** How well a tool follows the pen, since the loop was armed. Distances in the plane; negative: unknown. Lags are the shift of the pen that fits the tool best, −0.05 to 0.2; NaN: unknown. */
 typedef struct foretrace_tracking {
+  /** Root mean square distance while the pen writes, over the last seconds of writing [m]. */
   double recent_rms_m;
   /** The same since arming [m]. */
   double session_rms_m;
   /** The same since arming, hovering included [m]. */
   double hover_rms_m;
+  /** Lag of the tool behind the pen, over the last seconds of writing [s]. */
   double recent_lag_s;
   /** The same since arming [s]. */
   double session_lag_s;
@@ -1329,7 +1363,7 @@ FORETRACE_ASSERT(offsetof(foretrace_tracking, hover_rms_m) == 16);
 FORETRACE_ASSERT(offsetof(foretrace_tracking, recent_lag_s) == 24);
 FORETRACE_ASSERT(offsetof(foretrace_tracking, session_lag_s) == 32);
 
-/** joints in the plane's frame. NaN: not measured yet. */
+/** Extremes of the measured tool since the daemon took charge, by forward kinematics of the *measured* joints in the plane's frame. NaN: not measured yet. */
 typedef struct foretrace_tool_extent {
   /** Lowest height over the paper [m]. */
   double height_min_m;
@@ -1337,6 +1371,7 @@ typedef struct foretrace_tool_extent {
   double height_max_m;
   /** Farthest outside the workspace in the plane, 0 inside [m]. */
   double outside_max_m;
+  /** Largest angle between the tool's axis and the plane's normal [rad]. */
   double tilt_max_rad;
 } foretrace_tool_extent;
 FORETRACE_ASSERT(sizeof(foretrace_tool_extent) == 32);
@@ -1355,6 +1390,7 @@ typedef struct foretrace_refused {
   int32_t index;
   /** Zero. */
   uint32_t reserved;
+  /** The value found, in the field's unit; for stamps the distance from the expected value [s]. */
   double value;
   /** The bound that was broken, in the same unit; NaN: none. */
   double bound;
@@ -1370,12 +1406,17 @@ FORETRACE_ASSERT(offsetof(foretrace_refused, value) == 16);
 FORETRACE_ASSERT(offsetof(foretrace_refused, bound) == 24);
 FORETRACE_ASSERT(offsetof(foretrace_refused, at_ns) == 32);
 
+/** The straight way home from the measured joints, or the rest of it while the arm moves along it. */
 typedef struct foretrace_way_home {
+  /** Distance from home of the joint that turns farthest [rad]; negative: unknown. */
   double farthest_rad;
+  /** Duration of the way, or of the rest of it, without obstacles [s]; negative: unknown. */
   double left_s;
+  /** In mode Mode.Homing, the fraction of the way done; negative: in another mode. */
   double share;
   /** The joint that turns farthest, from 0, base first. */
   uint32_t joint;
+  /** In mode Mode.Homing: 1 once the way was found clear, and the motion has begun. */
   uint32_t moving;
 } foretrace_way_home;
 FORETRACE_ASSERT(sizeof(foretrace_way_home) == 32);
@@ -1398,15 +1439,19 @@ FORETRACE_ASSERT(offsetof(foretrace_note_words, to_do) == 192);
 
 /** The predictor of another process, since it was chosen. */
 typedef struct foretrace_external_state {
+  /** Its part in the preview in force, 0 to 1; the rest is the fallback's. Negative: it is not chosen. */
   float weight;
+  /** Evidence that it is better than the fallback, -10 to 10: used from 5 on, until it falls below 0. */
   float evidence;
   /** Grid steps that closed; this and the other counts saturated. */
   uint32_t steps;
+  /** Those of them that had a preview of their own before the next one closed. */
   uint32_t hits;
   /** Previews taken, since the daemon started. */
   uint32_t taken;
-  /** daemon started. */
+  /** Previews refused by reason, in the order of PreviewRefusal from Malformed on, since the daemon started. */
   uint32_t refused[7];
+  /** From a grid step sent to its preview received, over the last second or two. */
   foretrace_percentiles latency;
 } foretrace_external_state;
 FORETRACE_ASSERT(sizeof(foretrace_external_state) == 64);
@@ -1418,6 +1463,7 @@ FORETRACE_ASSERT(offsetof(foretrace_external_state, taken) == 16);
 FORETRACE_ASSERT(offsetof(foretrace_external_state, refused) == 20);
 FORETRACE_ASSERT(offsetof(foretrace_external_state, latency) == 48);
 
+/** State of the daemon. Distributions are over all ticks since start, after warm-up. */
 typedef struct foretrace_status {
   /** Stamp: when it was sent. */
   foretrace_header header;
@@ -1461,7 +1507,9 @@ typedef struct foretrace_status {
   uint64_t joint_state_age_ns;
   /** Parts of the latency, each the median over about the last second. */
   foretrace_chain chain;
+  /** From the device stamp of a pen sample to the first command handed over after it was received. */
   foretrace_latency pen_to_command;
+  /** From a command handed over to its motion: to its stamp, plus the arm's measured lag. */
   foretrace_latency command_to_motion;
   /** Version of the weights in use. */
   uint64_t learner_version;
@@ -1475,24 +1523,29 @@ typedef struct foretrace_status {
   uint64_t learner_refused;
   /** Age of the weights in use [ns]. */
   uint64_t learner_age_ns;
+  /** Root mean square of the one-step prediction error, recent [m]; negative: none. */
   double predictor_rms_m;
-  /** negative: unknown. */
+  /** Radius about the plan's first reference in which the pen is expected in nine of ten cases [m]; negative: unknown. */
   double predictor_band_m;
   /** The arm's lag, and the plan's dead time. */
   foretrace_arm_lag arm_lag;
   /** Score of the measured arm. */
   foretrace_tracking tracking;
+  /** Score of the arm as it would be at Hold (trust 0), at the same instants. */
   foretrace_tracking ghost;
   /** How long the pen wrote while both were compared [s]. */
   double compared_s;
   /** GhostState. */
   uint32_t ghost_state;
+  /** Median cost of the ghost per tick, on a thread that no tick waits for [ns]. */
   uint32_t ghost_cost_ns;
+  /** Heap allocations per tick after warm-up, ticks with a connection change left out. */
   double allocations_per_tick;
   /** Evidence behind the newest latched stop. */
   foretrace_stop_detail stop;
   /** Extremes of the measured tool. */
   foretrace_tool_extent extent;
+  /** Fraction of the commanded speed at which the arm moves; negative: unknown. */
   double arm_speed_share;
   /** The newest pen sample that was refused. */
   foretrace_refused pen_refused;
@@ -1508,9 +1561,11 @@ typedef struct foretrace_status {
   foretrace_arm_line arm_line;
   /** Measured joints [rad]; zero while there is no joint state. */
   double joints_q[6];
-  /** shows it. */
+  /** The measured tool in the base frame: position [m], then rotation vector [rad], as a pendant shows it. */
   double tool_base[6];
+  /** The measured tool in the plane's frame [m]: along the paper, across it, above it. */
   double tool_plane_m[3];
+  /** When the note of the arm's process came into force [ns]; 0: there is none. */
   uint64_t note_since_ns;
   /** That note. */
   foretrace_note_words note;
@@ -1583,9 +1638,11 @@ typedef struct foretrace_control_response {
   uint64_t boot_id;
   /** The daemon's daemon_id, as in its status. */
   uint64_t daemon_id;
+  /** A number of the answer: trust α for most, the invalid value for refusals. */
   double value;
   /** ControlStatus. */
   int32_t status;
+  /** A number of the answer: the crate.Mode for Ok, joint or line for refusals. */
   uint32_t detail;
   /** Bytes of message in use. */
   uint32_t message_len;
@@ -1619,10 +1676,13 @@ typedef struct foretrace_pen_step {
   double x_m;
   /** Position at its end [m]. */
   double y_m;
+  /** Displacement since the step before [m]; 0 unless the motion continues. */
   double dx_m;
+  /** Displacement since the step before [m]; 0 unless the motion continues. */
   double dy_m;
+  /** Running scale [m per unit]: of normalised displacements the root mean square is 10 per axis. */
   double scale_m;
-  /** times as long ones refused. */
+  /** Longest displacement per step that is taken over [m]; longer ones are shortened to it, and four times as long ones refused. */
   double longest_m;
   /** PenMotion. */
   uint32_t motion;
@@ -1663,6 +1723,7 @@ typedef struct foretrace_pen_preview {
   double x_m[64];
   /** Position i + 1 steps after the base [m]. */
   double y_m[64];
+  /** Radius about it in which the pen is expected in nine of ten cases [m]; see flags. */
   double radius_m[64];
 } foretrace_pen_preview;
 FORETRACE_ASSERT(sizeof(foretrace_pen_preview) == 1576);

@@ -41,6 +41,9 @@ class Record(ctypes.LittleEndianStructure):
         return {name: self._plain(name, getattr(self, name)) for name, *_ in self._fields_}
 
     def _plain(self, name: str, value: Any) -> Any:
+        if isinstance(value, ctypes.Array):
+            # Each item is of the field's kind.
+            return [self._plain(name, item) for item in value]
         kind = self._kinds_.get(name)
         if kind is not None and issubclass(kind, Enumeration):
             return kind.words(value)
@@ -50,8 +53,6 @@ class Record(ctypes.LittleEndianStructure):
             return value.decode("utf-8", "replace")
         if isinstance(value, Record):
             return value.to_dict()
-        if isinstance(value, ctypes.Array):
-            return [self._plain("", item) for item in value]
         return value
 
     @classmethod
@@ -388,6 +389,7 @@ class Header(Record):
 
     #: Sequence number of the message of its publisher, from 1.
     sequence: int
+    #: Monotonic clock [ns]: when it was sent, except for commands (see JointCommand).
     stamp_ns: int
     #: The sender's host_boot_id().
     boot_id: int
@@ -402,10 +404,11 @@ _check(Header, 24)
 
 
 class PenSample(Record):
-    """writer."""
+    """One reading of the pen. Positions are in metres in the device's plane, x right, y away from the writer."""
 
     #: Stamp: when it was sent.
     header: Header
+    #: When the pen was there [ns], mapped by the reader to this host's monotonic clock.
     device_stamp_ns: int
     #: Position [m].
     x_m: float
@@ -436,7 +439,7 @@ _check(PenSample, 64)
 
 
 class JointCommand(Record):
-    """"""
+    """Joint positions to be reached at header.stamp_ns, one control period after the tick that made them."""
 
     #: Stamp: the time at which q holds; up to one period in the future.
     header: Header
@@ -446,7 +449,9 @@ class JointCommand(Record):
     tick: int
     #: The consumer brakes from this time on [ns].
     valid_until_ns: int
+    #: Identity of the newest pen sample behind it: its number in its publisher's sequence; 0: none.
     pen_sequence: int
+    #: Identity of the newest pen sample behind it: its device stamp [ns]; 0: none.
     pen_stamp_ns: int
     #: Joint positions at the stamp [rad].
     q: ctypes.Array[ctypes.c_double]
@@ -475,11 +480,13 @@ _check(JointCommand, 168)
 
 
 class ArmLine(Record):
-    """"""
+    """The line between an arm's process and the arm's own controller. All zero where there is none."""
 
-    #: unknown.
+    #: From a state of the arm to the cycle of its controller that used the answer to it [ns]; 0: unknown.
     round_trip_ns: int
+    #: Cycles of the controller that had no fresh command, while the arm followed.
     late_cycles: int
+    #: Commands that the controller never saw, because a newer one came within the same cycle.
     lost_commands: int
     #: crate.arm_flags.
     flags: int
@@ -505,7 +512,9 @@ class JointState(Record):
     header: Header
     #: The robot's own clock [ns]; 0: none.
     robot_stamp_ns: int
+    #: Tick of the newest command accepted; 0: none. This and the next three are filled in by echo.
     command_tick: int
+    #: When that command was accepted, on this host's clock [ns]; 0: unknown.
     command_accepted_ns: int
     #: pen_sequence of that command.
     pen_sequence: int
@@ -519,6 +528,7 @@ class JointState(Record):
     q: ctypes.Array[ctypes.c_double]
     #: Joint velocities [rad/s].
     qd: ctypes.Array[ctypes.c_double]
+    #: Joint currents or torques, positive along each joint's axis, in effort_unit.
     effort: ctypes.Array[ctypes.c_double]
     #: SafetyMode.
     safety_mode: int
@@ -555,14 +565,17 @@ _check(JointState, 272)
 
 
 class Chain(Record):
-    """The latency from pen to arm in parts [ns]; u64.MAX: unknown.  separate."""
+    """The latency from pen to arm in parts [ns]; u64.MAX: unknown.  Not to be summed: a command is stamped one control period after its tick, so compute and transport within that period delay nothing. The arm's own lag, from a command's stamp to the motion, is separate."""
 
+    #: Device stamp to sent, of the newest pen sample: time of the device and its reader.
     pen_reader_ns: int
+    #: Sent to received by a tick, of the newest pen sample: shared memory, and waiting for the tick.
     pen_transport_ns: int
     #: Device stamp of the newest pen sample to the release of the tick.
     pen_age_ns: int
     #: Start of the tick to the command handed to the middleware.
     compute_ns: int
+    #: Handed to the middleware to accepted by the arm, of the newest command that the arm has echoed.
     command_transport_ns: int
     _fields_ = [
         ("pen_reader_ns", ctypes.c_uint64),
@@ -627,6 +640,7 @@ class Counters(Record):
     pen_outliers: int
     #: Gaps in the pen's device stamps.
     pen_gaps: int
+    #: Ticks that left pen samples for the next one, because a tick takes a bounded number.
     pen_deferred_ticks: int
     #: Pen samples refused, by reason.
     pen_rejected: Rejections
@@ -652,6 +666,7 @@ class Counters(Record):
     learner_ring_dropped: int
     #: Sets of weights refused by the loop.
     weights_refused: int
+    #: Sets of weights that a newer set overtook before the loop took them up.
     weights_overtaken: int
     #: Events of the learner lost because its channel was full.
     learner_events_lost: int
@@ -659,6 +674,7 @@ class Counters(Record):
     requests: int
     #: Requests answered with a refusal.
     requests_refused: int
+    #: Heap allocations on the real-time thread after warm-up, except in ticks with a connection change.
     allocations: int
     #: Heap allocations in ticks in which a port connected or disconnected.
     connection_allocations: int
@@ -709,15 +725,15 @@ _check(Counters, 392)
 
 
 class ArmLag(Record):
-    """"""
+    """The arm's lag from a command's stamp to the motion, measured in normal operation."""
 
     #: Dead time by which the plan looks ahead [ns].
     dead_time_ns: int
     #: Group delay at low frequency [s].
     lag_s: float
-    #: meaningless.
+    #: Its standard deviation [s]; negative: the lag is unknown, and the fields beside it are meaningless.
     std_s: float
-    #: arm is a filter.
+    #: Shift of the commands that fits the recent motion best [s]; shorter than the group delay if the arm is a filter.
     shift_s: float
     _fields_ = [
         ("dead_time_ns", ctypes.c_uint64),
@@ -731,7 +747,7 @@ _check(ArmLag, 32)
 
 
 class StopDetail(Record):
-    """"""
+    """Evidence behind a latched stop: which joint, how much, and the limit that was broken."""
 
     #: StopCause, which determines the unit of amount and limit.
     cause: int
@@ -741,6 +757,7 @@ class StopDetail(Record):
     amount: float
     #: Allowed value.
     limit: float
+    #: Release of the tick in which the stop latched [ns]; 0: no stop has latched.
     at_ns: int
     _kinds_ = {"cause": StopCause}
     _fields_ = [
@@ -778,7 +795,9 @@ class TickRecord(Record):
     shed: int
     #: Whole periods dropped before this tick.
     skipped_ticks: int
+    #: Identity of the newest pen sample: its number in its publisher's sequence; 0: none yet.
     pen_sequence: int
+    #: Identity of the newest pen sample: its device stamp [ns]; 0: none yet.
     pen_stamp_ns: int
     #: Latencies, part by part.
     chain: Chain
@@ -794,7 +813,9 @@ class TickRecord(Record):
     measured_q: ctypes.Array[ctypes.c_double]
     #: Tick of the newest command that the arm has echoed; 0: none.
     echo_tick: int
+    #: Identity of the pen sample behind that command, as echoed: its number.
     echo_pen_sequence: int
+    #: Identity of the pen sample behind that command, as echoed: its device stamp [ns].
     echo_pen_stamp_ns: int
     #: Reference of the tool at the command's stamp [m].
     reference_m: ctypes.Array[ctypes.c_double]
@@ -804,6 +825,7 @@ class TickRecord(Record):
     setpoint_mps: ctypes.Array[ctypes.c_double]
     #: Setpoint: acceleration [m/s²].
     setpoint_mps2: ctypes.Array[ctypes.c_double]
+    #: Jerk of the setpoint since the tick before [m/s³]; 0 where that tick sent no command.
     jerk_mps3: ctypes.Array[ctypes.c_double]
     #: Tool position of the published command [m].
     tool_m: ctypes.Array[ctypes.c_double]
@@ -853,8 +875,9 @@ class TickRecord(Record):
     orientation_error_rad: float
     #: Distance to the nearest singularity [m]; negative: not computed.
     singularity_m: float
+    #: One-step error of the predictor at the newest closed grid step [m]; negative: none.
     predictor_error_m: float
-    #: negative: unknown.
+    #: Radius about the plan's first reference in which the pen is expected in nine of ten cases [m]; negative: unknown.
     predictor_band_m: float
     #: Version of the weights in use.
     learner_version: int
@@ -872,10 +895,13 @@ class TickRecord(Record):
     counters: Counters
     #: The arm's lag, and the plan's dead time.
     arm_lag: ArmLag
+    #: Tool position of the command at the same stamp at Hold (trust 0) [m]; zero without a ghost.
     ghost_tool_m: ctypes.Array[ctypes.c_double]
+    #: The time of the next two distances, a tenth of a second back [ns]; 0: none in this tick.
     compared_ns: int
-    #: this tick.
+    #: Distance of the measured tool from the pen at that time, in the plane [m]; negative: none in this tick.
     error_m: float
+    #: The same for the ghost's tool, behind an arm of the same lag [m]; negative: none in this tick.
     ghost_error_m: float
     #: GhostState.
     ghost_state: int
@@ -883,13 +909,15 @@ class TickRecord(Record):
     compared_contact: int
     #: Evidence behind the newest latched stop.
     stop: StopDetail
+    #: Fraction of the commanded speed at which the arm moves; negative: unknown.
     arm_speed_share: float
     #: The line to the arm's controller.
     arm_line: ArmLine
+    #: Points of the next field that are known; 0: there was no preview, or no plan.
     path_points: int
     #: 0.
     reserved: int
-    #: turn, from soon to late, the plan's last reference at the end [m].
+    #: The previewed path that the plan was to follow, as far as it trusted it: x and y of each point in turn, from soon to late, the plan's last reference at the end [m].
     path_m: ctypes.Array[ctypes.c_float]
     _kinds_ = {"pen_flags": PenFlags, "trust_reason": TrustReason, "rung": Rung, "mode": Mode, "fault": FaultReason, "health": Health, "guard_mask": GuardMask, "mpc_path": SolverPath, "ik_path": SolverPath, "ghost_state": GhostState}
     _fields_ = [
@@ -1000,7 +1028,7 @@ class Latency(Record):
     count: int
     #: Percentiles, saturated at 4.29 s.
     percentiles: Percentiles
-    #: counts the rest, saturated.
+    #: Counts of measurements below Latency.edge_us and not below the edge before; the last bin counts the rest, saturated.
     bins: ctypes.Array[ctypes.c_uint32]
     _fields_ = [
         ("count", ctypes.c_uint64),
@@ -1013,13 +1041,15 @@ _check(Latency, 104)
 
 
 class Tracking(Record):
-    """"""
+    """How well a tool follows the pen, since the loop was armed. Distances in the plane; negative: unknown. Lags are the shift of the pen that fits the tool best, −0.05 to 0.2; NaN: unknown."""
 
+    #: Root mean square distance while the pen writes, over the last seconds of writing [m].
     recent_rms_m: float
     #: The same since arming [m].
     session_rms_m: float
     #: The same since arming, hovering included [m].
     hover_rms_m: float
+    #: Lag of the tool behind the pen, over the last seconds of writing [s].
     recent_lag_s: float
     #: The same since arming [s].
     session_lag_s: float
@@ -1036,7 +1066,7 @@ _check(Tracking, 40)
 
 
 class ToolExtent(Record):
-    """joints in the plane's frame. NaN: not measured yet."""
+    """Extremes of the measured tool since the daemon took charge, by forward kinematics of the *measured* joints in the plane's frame. NaN: not measured yet."""
 
     #: Lowest height over the paper [m].
     height_min_m: float
@@ -1044,6 +1074,7 @@ class ToolExtent(Record):
     height_max_m: float
     #: Farthest outside the workspace in the plane, 0 inside [m].
     outside_max_m: float
+    #: Largest angle between the tool's axis and the plane's normal [rad].
     tilt_max_rad: float
     _fields_ = [
         ("height_min_m", ctypes.c_double),
@@ -1067,6 +1098,7 @@ class Refused(Record):
     index: int
     #: Zero.
     reserved: int
+    #: The value found, in the field's unit; for stamps the distance from the expected value [s].
     value: float
     #: The bound that was broken, in the same unit; NaN: none.
     bound: float
@@ -1088,13 +1120,17 @@ _check(Refused, 40)
 
 
 class WayHome(Record):
-    """"""
+    """The straight way home from the measured joints, or the rest of it while the arm moves along it."""
 
+    #: Distance from home of the joint that turns farthest [rad]; negative: unknown.
     farthest_rad: float
+    #: Duration of the way, or of the rest of it, without obstacles [s]; negative: unknown.
     left_s: float
+    #: In mode Mode.Homing, the fraction of the way done; negative: in another mode.
     share: float
     #: The joint that turns farthest, from 0, base first.
     joint: int
+    #: In mode Mode.Homing: 1 once the way was found clear, and the motion has begun.
     moving: int
     _fields_ = [
         ("farthest_rad", ctypes.c_double),
@@ -1127,15 +1163,19 @@ _check(NoteWords, 384)
 class ExternalState(Record):
     """The predictor of another process, since it was chosen."""
 
+    #: Its part in the preview in force, 0 to 1; the rest is the fallback's. Negative: it is not chosen.
     weight: float
+    #: Evidence that it is better than the fallback, -10 to 10: used from 5 on, until it falls below 0.
     evidence: float
     #: Grid steps that closed; this and the other counts saturated.
     steps: int
+    #: Those of them that had a preview of their own before the next one closed.
     hits: int
     #: Previews taken, since the daemon started.
     taken: int
-    #: daemon started.
+    #: Previews refused by reason, in the order of PreviewRefusal from Malformed on, since the daemon started.
     refused: ctypes.Array[ctypes.c_uint32]
+    #: From a grid step sent to its preview received, over the last second or two.
     latency: Percentiles
     _fields_ = [
         ("weight", ctypes.c_float),
@@ -1152,7 +1192,7 @@ _check(ExternalState, 64)
 
 
 class Status(Record):
-    """"""
+    """State of the daemon. Distributions are over all ticks since start, after warm-up."""
 
     #: Stamp: when it was sent.
     header: Header
@@ -1196,7 +1236,9 @@ class Status(Record):
     joint_state_age_ns: int
     #: Parts of the latency, each the median over about the last second.
     chain: Chain
+    #: From the device stamp of a pen sample to the first command handed over after it was received.
     pen_to_command: Latency
+    #: From a command handed over to its motion: to its stamp, plus the arm's measured lag.
     command_to_motion: Latency
     #: Version of the weights in use.
     learner_version: int
@@ -1210,24 +1252,29 @@ class Status(Record):
     learner_refused: int
     #: Age of the weights in use [ns].
     learner_age_ns: int
+    #: Root mean square of the one-step prediction error, recent [m]; negative: none.
     predictor_rms_m: float
-    #: negative: unknown.
+    #: Radius about the plan's first reference in which the pen is expected in nine of ten cases [m]; negative: unknown.
     predictor_band_m: float
     #: The arm's lag, and the plan's dead time.
     arm_lag: ArmLag
     #: Score of the measured arm.
     tracking: Tracking
+    #: Score of the arm as it would be at Hold (trust 0), at the same instants.
     ghost: Tracking
     #: How long the pen wrote while both were compared [s].
     compared_s: float
     #: GhostState.
     ghost_state: int
+    #: Median cost of the ghost per tick, on a thread that no tick waits for [ns].
     ghost_cost_ns: int
+    #: Heap allocations per tick after warm-up, ticks with a connection change left out.
     allocations_per_tick: float
     #: Evidence behind the newest latched stop.
     stop: StopDetail
     #: Extremes of the measured tool.
     extent: ToolExtent
+    #: Fraction of the commanded speed at which the arm moves; negative: unknown.
     arm_speed_share: float
     #: The newest pen sample that was refused.
     pen_refused: Refused
@@ -1243,9 +1290,11 @@ class Status(Record):
     arm_line: ArmLine
     #: Measured joints [rad]; zero while there is no joint state.
     joints_q: ctypes.Array[ctypes.c_double]
-    #: shows it.
+    #: The measured tool in the base frame: position [m], then rotation vector [rad], as a pendant shows it.
     tool_base: ctypes.Array[ctypes.c_double]
+    #: The measured tool in the plane's frame [m]: along the paper, across it, above it.
     tool_plane_m: ctypes.Array[ctypes.c_double]
+    #: When the note of the arm's process came into force [ns]; 0: there is none.
     note_since_ns: int
     #: That note.
     note: NoteWords
@@ -1324,9 +1373,11 @@ class ControlResponse(Record):
     boot_id: int
     #: The daemon's daemon_id, as in its status.
     daemon_id: int
+    #: A number of the answer: trust α for most, the invalid value for refusals.
     value: float
     #: ControlStatus.
     status: int
+    #: A number of the answer: the crate.Mode for Ok, joint or line for refusals.
     detail: int
     #: Bytes of message in use.
     message_len: int
@@ -1366,10 +1417,13 @@ class PenStep(Record):
     x_m: float
     #: Position at its end [m].
     y_m: float
+    #: Displacement since the step before [m]; 0 unless the motion continues.
     dx_m: float
+    #: Displacement since the step before [m]; 0 unless the motion continues.
     dy_m: float
+    #: Running scale [m per unit]: of normalised displacements the root mean square is 10 per axis.
     scale_m: float
-    #: times as long ones refused.
+    #: Longest displacement per step that is taken over [m]; longer ones are shortened to it, and four times as long ones refused.
     longest_m: float
     #: PenMotion.
     motion: int
@@ -1416,6 +1470,7 @@ class PenPreview(Record):
     x_m: ctypes.Array[ctypes.c_double]
     #: Position i + 1 steps after the base [m].
     y_m: ctypes.Array[ctypes.c_double]
+    #: Radius about it in which the pen is expected in nine of ten cases [m]; see flags.
     radius_m: ctypes.Array[ctypes.c_double]
     _kinds_ = {"flags": PreviewFlags}
     _fields_ = [
