@@ -1,5 +1,7 @@
 """Attach, ask, watch, and what the end of a block does."""
 
+import signal
+import threading
 import time
 import unittest
 
@@ -56,6 +58,8 @@ class Requests(World):
             # Never older than the request before it.
             self.assertNotEqual(ft.status().mode, Mode.IDLE)
             self.assertEqual(ft.trust(0.25).mode, ft.query().mode)
+            ft.wait_until(lambda status: abs(status.trust - 0.25) < 1e-6, timeout=10)
+            self.assertAlmostEqual(ft.query().trust, 0.25)
             ft.trust("freeze")
             ft.trust("auto")
             settings = ft.settings()
@@ -70,6 +74,9 @@ class Requests(World):
             ft.stop()
             with self.refuses(foretrace.NoAnswer, "0.3 s", "stopped"):
                 ft.wait_until(lambda status: status.mode == Mode.FOLLOWING, timeout=0.3)
+            for timeout in (float("nan"), float("inf"), -1.0, "soon"):
+                with self.refuses(foretrace.Invalid, "timeout"):
+                    ft.wait_until(lambda status: False, timeout=timeout)
 
     def test_leaving_the_block_stops_the_arm_also_by_an_exception(self):
         self.simulated()
@@ -95,6 +102,81 @@ class Requests(World):
                 with self.refuses(foretrace.Refused):
                     ft.arm()
             self.assertNotEqual(outside.query().mode, Mode.STOPPED)
+
+    def test_a_refusal_never_takes_the_mark_of_a_request_that_was_granted(self):
+        daemon = self.daemon()
+        self.start("arm", "sim")
+        with foretrace.attach() as outside:
+            self.armed(outside)
+            decided = time.monotonic_ns()
+            outside.stop()
+
+            def marked():
+                """One request that a stop has made void, and one that is granted, while the daemon takes neither."""
+                ft, told = foretrace.attach(), {}
+
+                def ask(name, **options):
+                    try:
+                        told[name] = ft.arm(timeout=8.0, **options)
+                    except foretrace.Problem as problem:
+                        told[name] = problem
+
+                daemon.send_signal(signal.SIGSTOP)
+                asking = [threading.Thread(target=ask, args=("void",), kwargs={"decided_ns": decided}), threading.Thread(target=ask, args=("new",))]
+                for thread in asking:
+                    thread.start()
+                    time.sleep(0.1)
+                daemon.send_signal(signal.SIGCONT)
+                for thread in asking:
+                    thread.join()
+                stopped = ft.close()
+                self.assertIsInstance(told["void"], foretrace.Refused)
+                # A busy machine may have a reason of its own to refuse.
+                return None if isinstance(told["new"], foretrace.Refused) else (told["new"], stopped)
+
+            answer, stopped = until("a request is granted", marked, timeout=60.0)
+            self.assertIsInstance(answer, foretrace.Answer)
+            self.assertTrue(stopped)
+            self.assertEqual(outside.query().mode, Mode.STOPPED)
+
+    def test_a_request_that_was_not_sent_sets_no_mark(self):
+        daemon = self.daemon()
+        self.start("arm", "sim")
+        with foretrace.attach() as outside, foretrace.attach() as ft:
+            self.armed(outside)
+            # All places of operators are in use.
+            daemon.send_signal(signal.SIGSTOP)
+
+            def wait():
+                try:
+                    outside.query(timeout=6.0)
+                except foretrace.Problem:
+                    pass
+
+            waiting = [threading.Thread(target=wait) for _ in range(4)]
+            for thread in waiting:
+                thread.start()
+            time.sleep(0.5)
+            with self.refuses(foretrace.Taken, "operator"):
+                ft.arm(timeout=0.5)
+            daemon.send_signal(signal.SIGCONT)
+            for thread in waiting:
+                thread.join()
+            self.assertFalse(ft.close())
+
+    def test_a_stop_that_failed_is_tried_again(self):
+        daemon = self.daemon()
+        self.start("arm", "sim")
+        with foretrace.attach() as outside:
+            ft = foretrace.attach()
+            self.armed(ft)
+            daemon.send_signal(signal.SIGSTOP)
+            with self.refuses(foretrace.NoAnswer, "stop button"):
+                ft.close()
+            daemon.send_signal(signal.SIGCONT)
+            self.assertTrue(ft.close())
+            self.assertEqual(outside.query().mode, Mode.STOPPED)
+            self.assertFalse(ft.close())
 
     def test_a_closed_attachment_and_its_handles_say_so(self):
         self.daemon()

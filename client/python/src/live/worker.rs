@@ -32,6 +32,11 @@ pub struct HandleWorker<H> {
 pub trait Closing: Send + Sync {
     /// Ends its thread, and waits for it for a bounded time. Needs no interpreter.
     fn close(&self);
+
+    /// Whether closing it stops an arm, which at the end of the interpreter comes before all else.
+    fn moves_an_arm(&self) -> bool {
+        false
+    }
 }
 
 static OPEN: Mutex<Vec<Weak<dyn Closing>>> = Mutex::new(Vec::new());
@@ -48,10 +53,20 @@ pub fn remember(closing: Weak<dyn Closing>) {
     open.push(closing);
 }
 
-/// Closes everything that is still open, newest first.
+/// Closes everything that is still open: what stops an arm first and at once, then the rest, newest first.
 pub fn close_all() {
     let open = std::mem::take(&mut *locked(&OPEN));
-    open.iter().rev().filter_map(Weak::upgrade).for_each(|closing| closing.close());
+    let open: Vec<_> = open.iter().rev().filter_map(Weak::upgrade).collect();
+    let (arms, rest): (Vec<_>, Vec<_>) = open.into_iter().partition(|closing| closing.moves_an_arm());
+    std::thread::scope(|scope| {
+        for arm in &arms {
+            // Beside each other: a daemon that hangs must not delay the stop of another one's arm.
+            if std::thread::Builder::new().spawn_scoped(scope, || arm.close()).is_err() {
+                arm.close();
+            }
+        }
+    });
+    rest.iter().for_each(|closing| closing.close());
 }
 
 /// Refuses what was made in another process.
@@ -66,7 +81,8 @@ pub fn same_process(pid: u32, name: &str) -> Result<(), LiveFailure> {
     Err(LiveFailure::new(FailureKind::Other, text))
 }
 
-fn closed(name: &str) -> LiveFailure {
+/// What a call on a closed handle is told.
+pub fn closed(name: &str) -> LiveFailure {
     LiveFailure::new(FailureKind::Other, format!("{name} is closed: open it again"))
 }
 
@@ -94,6 +110,24 @@ pub fn receive<T: Send>(
             return Err(LiveFailure::new(FailureKind::NoAnswer, text).into());
         }
     }
+}
+
+/// Does `work` in a thread of its own and waits for it; Ctrl-C ends the wait, not the work.
+pub fn in_a_thread<T: Send + 'static>(
+    py: Python<'_>,
+    name: &'static str,
+    patience: Duration,
+    work: impl FnOnce() -> Result<T, LiveFailure> + Send + 'static,
+) -> PyResult<T> {
+    let (answer, answered) = mpsc::sync_channel(1);
+    let working = move || {
+        // The caller may have given up.
+        let _ = answer.send(work());
+    };
+    std::thread::Builder::new().name("foretrace-asking".to_owned()).spawn(working).map_err(|error| {
+        LiveFailure::new(FailureKind::Other, format!("{name}: starting a thread: {error}: free some memory"))
+    })?;
+    Ok(receive(py, answered, patience, name)??)
 }
 
 impl<H: 'static> HandleWorker<H> {
