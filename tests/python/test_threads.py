@@ -52,10 +52,6 @@ class Threads(World):
                         arm.next_target()
                         ft.status()
                         ft.query()
-                except foretrace.Invalid as problem:
-                    # Two threads that measure at once: the later stamp may come first.
-                    if "before the measurement before it" not in str(problem):
-                        errors.append(problem)
                 except Exception as problem:
                     errors.append(problem)
 
@@ -68,6 +64,34 @@ class Threads(World):
             # A handle that is dropped in another thread than it was made in.
             threading.Thread(target=lambda: pen.close()).start()
             until("the pen is free", lambda: free(ft))
+
+    def test_threads_that_measure_at_once_never_have_stamps_that_fall(self):
+        self.daemon()
+        with foretrace.attach() as ft, ft.arm_interface(200) as arm:
+            joints, errors = ft.records("joints"), []
+            # Switches between threads as often as it can.
+            switching = sys.getswitchinterval()
+            sys.setswitchinterval(1e-6)
+            self.addCleanup(sys.setswitchinterval, switching)
+
+            def measure():
+                try:
+                    for count in range(300):
+                        arm.measured(HOME, [0.0] * 6)
+                        if count % 20 == 0:
+                            time.sleep(0.005)
+                except Exception as problem:
+                    errors.append(problem)
+
+            threads = [threading.Thread(target=measure) for _ in range(4)]
+            for thread in threads:
+                thread.start()
+            for thread in threads:
+                thread.join(60)
+            self.assertEqual(errors, [])
+            # A stamp that was not sent counts as none: the same one may be sent again.
+            stamps = [state.header.stamp_ns for state in joints.drain_records(0.5)]
+            self.assertEqual(stamps, sorted(set(stamps)))
 
     def test_waits_release_the_interpreter(self):
         self.daemon()
@@ -98,6 +122,80 @@ class Threads(World):
         child.send_signal(signal.SIGINT)
         _, error = child.communicate(timeout=10)
         self.assertIn("KeyboardInterrupt", error)
+
+    def test_ctrl_c_ends_the_wait_for_an_answer(self):
+        daemon = self.daemon()
+        code = (
+            "import foretrace\n"
+            "ft = foretrace.attach()\n"
+            "print(ft.query().mode, flush=True)\n"
+            "input()\n"
+            "try:\n"
+            "    ft.query(timeout=600)\n"
+            "except KeyboardInterrupt:\n"
+            "    print('ended', flush=True)\n"
+        )
+        child = subprocess.Popen(
+            [sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
+        self.children.append(child)
+        self.assertTrue(child.stdout.readline())
+        # It gives no answer.
+        daemon.send_signal(signal.SIGSTOP)
+        child.stdin.write("\n")
+        child.stdin.flush()
+        time.sleep(0.5)
+        child.send_signal(signal.SIGINT)
+        out, error = child.communicate(timeout=10)
+        daemon.send_signal(signal.SIGCONT)
+        self.assertEqual(out.strip(), "ended", error)
+
+    def test_an_attachment_that_is_dropped_stops_its_arm_without_the_interpreter_lock(self):
+        daemon = self.daemon()
+        self.start("arm", "sim")
+        ft = foretrace.attach()
+        self.armed(ft)
+        gaps, wanted = [0.0], [True]
+
+        def tick():
+            last = time.monotonic()
+            while wanted[0]:
+                time.sleep(0.005)
+                now = time.monotonic()
+                gaps.append(now - last)
+                last = now
+
+        ticking = threading.Thread(target=tick)
+        ticking.start()
+        daemon.send_signal(signal.SIGSTOP)
+        begin = time.monotonic()
+        del ft
+        took = time.monotonic() - begin
+        daemon.send_signal(signal.SIGCONT)
+        wanted[0] = False
+        ticking.join()
+        # The stop of a frozen daemon is waited for; others run meanwhile.
+        self.assertGreater(took, 1.0)
+        self.assertLess(max(gaps), 0.6)
+
+    def test_a_wait_ends_when_its_handle_is_closed(self):
+        self.daemon()
+        with foretrace.attach() as ft:
+            records, told = ft.records("pen"), []
+
+            def wait():
+                try:
+                    records.drain_records(timeout=30.0)
+                except foretrace.Problem as problem:
+                    told.append(str(problem))
+
+            waiting = threading.Thread(target=wait)
+            waiting.start()
+            time.sleep(0.2)
+            records.close()
+            waiting.join(5.0)
+            self.assertFalse(waiting.is_alive())
+            self.assertIn("closed", told[0])
 
     def test_a_child_by_fork_refuses_and_leaves_the_parent_alone(self):
         self.daemon()

@@ -123,7 +123,8 @@ impl ArmHandle {
         }
     }
 
-    fn check_stamp(&self, stamp_ns: u64) -> Result<bool, LiveFailure> {
+    /// Whether it is the stamp of a new measurement, after that of `newest_ns`.
+    fn check_stamp(stamp_ns: u64, newest_ns: u64) -> Result<bool, LiveFailure> {
         let now_ns = monotonic_now_ns();
         let ahead_ns = stamp_ns.saturating_sub(now_ns);
         let bound_ns = HeaderBounds::DEFAULT.future_ns;
@@ -136,17 +137,14 @@ impl ArmHandle {
         if now_ns.saturating_sub(stamp_ns) > OLDEST_NS {
             return Err(other_clock(stamp_ns, now_ns));
         }
-        let mut newest_ns = locked(&self.measured_ns);
-        if stamp_ns < *newest_ns {
+        if stamp_ns < newest_ns {
             let text = format!(
                 "stamp = {stamp_ns} ns is {:.6} s before the measurement before it: stamps must grow",
-                (*newest_ns - stamp_ns) as f64 * 1e-9
+                (newest_ns - stamp_ns) as f64 * 1e-9
             );
             return Err(LiveFailure::invalid(text));
         }
-        let new = stamp_ns > *newest_ns;
-        *newest_ns = stamp_ns;
-        Ok(new)
+        Ok(stamp_ns > newest_ns)
     }
 }
 
@@ -197,11 +195,14 @@ impl ArmHandle {
             state.line.flags |= arm_flags::SIMULATED;
         }
         state.validate().map_err(LiveFailure::from)?;
+        // Held until it is told: of two threads, stamps and measurements come in the same order.
+        let mut newest_ns = locked(&self.measured_ns);
         let stamp_ns = stamp_ns.unwrap_or_else(monotonic_now_ns);
-        if !self.check_stamp(stamp_ns)? {
+        if !Self::check_stamp(stamp_ns, *newest_ns)? {
             return Ok(false);
         }
         self.tell(ArmNews::Measured(Box::new(state), stamp_ns))?;
+        *newest_ns = stamp_ns;
         Ok(true)
     }
 

@@ -3,7 +3,8 @@
 //!
 //! Contract: a target is what the daemon assumes that the arm does: the command at this instant, and braking
 //! at `deceleration` once it is over. States are sent for measurements only, with their stamps. Targets that
-//! nobody reads are not made up for: the arm is told to stand until somebody arms again.
+//! nobody reads are not made up for: the arm is told to stand until somebody arms again. A target counts as
+//! read at its own instant, however late: a process that stood still obeys what was meant before.
 
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::sync::{Arc, Condvar, Mutex};
@@ -11,8 +12,8 @@ use std::time::{Duration, Instant};
 
 use foretrace_client::wire::command_flags;
 use foretrace_client::{
-    Commands, Demand, Foretrace, JOINTS, JointCommand, JointState, JointStates, Lasting, ServiceError,
-    demand_at, monotonic_now_ns,
+    Commands, DaemonChange, Demand, Foretrace, JOINTS, JointCommand, JointState, JointStates, Lasting,
+    ServiceError, demand_at, monotonic_now_ns,
 };
 use foretrace_control::arm::limits::JointMotion;
 use foretrace_control::guard::{Commanded, consumer_state};
@@ -71,7 +72,7 @@ pub struct ArmDesk {
     pub target: ArmTarget,
     /// Number of the cycle that made it.
     pub cycle: u64,
-    /// The newest cycle that was read, and when.
+    /// The newest cycle that was read, and its instant.
     pub read_cycle: u64,
     pub read_ns: u64,
     /// The newest motion that was read.
@@ -105,13 +106,12 @@ pub type SharedDesk = Arc<(Mutex<ArmDesk>, Condvar)>;
 impl ArmDesk {
     /// The target, as its reader obeys it from now on.
     pub fn read(&mut self) -> ArmTarget {
-        let now_ns = monotonic_now_ns();
-        (self.read_cycle, self.read_ns) = (self.cycle, now_ns);
+        (self.read_cycle, self.read_ns) = (self.cycle, self.target.at_ns);
         if self.target.state.moves() {
             self.read_motion = self.target.motion.map(|(q, _)| q);
         }
         if self.target.state == TargetState::Follow {
-            self.obeyed = self.target.command.map(|command| (command, now_ns));
+            self.obeyed = self.target.command.map(|command| (command, monotonic_now_ns()));
         }
         self.target
     }
@@ -146,7 +146,14 @@ pub struct ArmLoop {
     moving_ns: Option<u64>,
     /// Where the arm stands in a pause, if that is known.
     paused: Option<Option<[f64; JOINTS]>>,
+    /// What the program said.
+    said: Option<NoteParts>,
+    /// Of the pause; comes before that of the program.
+    pause_note: Option<NoteParts>,
 }
+
+/// Why the arm does not follow, and what to do about it.
+type NoteParts = (String, String);
 
 pub fn open_ports(foretrace: &Foretrace) -> Result<LivePorts, ServiceError> {
     Ok((foretrace.commands(Commands::MAX_BUFFER)?, foretrace.joint_states()?))
@@ -154,7 +161,17 @@ pub fn open_ports(foretrace: &Foretrace) -> Result<LivePorts, ServiceError> {
 
 impl ArmLoop {
     pub fn new(ports: Lasting<LivePorts>, pace: ArmPace, desk: SharedDesk) -> Self {
-        Self { ports, pace, desk, newest: None, followed: None, moving_ns: None, paused: None }
+        Self {
+            ports,
+            pace,
+            desk,
+            newest: None,
+            followed: None,
+            moving_ns: None,
+            paused: None,
+            said: None,
+            pause_note: None,
+        }
     }
 
     /// Runs until nobody can send news any more.
@@ -163,9 +180,12 @@ impl ArmLoop {
         loop {
             match news.recv_timeout(next.saturating_duration_since(Instant::now())) {
                 Ok(ArmNews::Measured(state, measured_ns)) => self.publish(*state, measured_ns),
-                Ok(ArmNews::Note(note)) => self.note(note),
+                Ok(ArmNews::Note(note)) => {
+                    self.said = note;
+                    self.tell_note();
+                }
                 Err(RecvTimeoutError::Timeout) => {}
-                Err(RecvTimeoutError::Disconnected) => break,
+                Err(RecvTimeoutError::Disconnected) => return,
             }
             let now = Instant::now();
             if now < next {
@@ -175,15 +195,13 @@ impl ArmLoop {
             next += self.pace.period * (late as u32).saturating_add(1);
             self.cycle(late as u64);
         }
-        let (desk, turn) = &*self.desk;
-        locked(desk).over = true;
-        turn.notify_all();
     }
 
-    fn note(&mut self, note: Option<(String, String)>) {
+    /// After every change, and to every daemon anew.
+    fn tell_note(&mut self) {
         if let Some((_, states)) = &mut self.ports.handle {
-            match note {
-                Some((text, to_do)) => states.say(&text, &to_do),
+            match self.pause_note.as_ref().or(self.said.as_ref()) {
+                Some((text, to_do)) => states.say(text, to_do),
                 None => states.say_nothing(),
             }
         }
@@ -214,7 +232,8 @@ impl ArmLoop {
         let begins = self.take_commands();
         let now_ns = monotonic_now_ns();
         if begins && self.paused.take().is_some() {
-            self.note(None);
+            self.pause_note = None;
+            self.tell_note();
         }
         let mut target = self.evaluate(now_ns);
         let shared = self.desk.clone();
@@ -227,10 +246,11 @@ impl ArmLoop {
                 let stands = desk.read_motion;
                 desk.counts.pauses += 1;
                 self.paused = Some(stands);
-                self.note(Some((
+                self.pause_note = Some((
                     format!("the Python program read no target for {:.0} ms", unread_ns as f64 * 1e-6),
                     "find what held it up, then arm again".to_owned(),
-                )));
+                ));
+                self.tell_note();
                 target = self.evaluate(now_ns);
             }
         }
@@ -250,9 +270,12 @@ impl ArmLoop {
         turn.notify_all();
         // A look may attach, which takes milliseconds, and seconds where files are damaged.
         if !target.state.moves() {
-            let (_, error) = self.ports.look(open_ports);
+            let (change, error) = self.ports.look(open_ports);
             if let Some(error) = error {
                 locked(mutex).trouble = Some(error.to_string());
+            }
+            if change == DaemonChange::Renewed {
+                self.tell_note();
             }
         }
     }
