@@ -1,6 +1,10 @@
 """An arm in Python: it follows, brakes when commands end, and stands after a pause."""
 
+import json
 import math
+import signal
+import subprocess
+import sys
 import threading
 import time
 import unittest
@@ -13,6 +17,46 @@ from world import HOME, Hand, PerfectArm, World, following, until
 BRAKE = 20.0
 #: Acceleration of the preset's joints [rad/s²].
 FASTEST = 40.0
+
+
+#: An arm in a process of its own, which is slow enough that a target often waits unread. Says how far two moving targets
+#: lay apart at most that were read one after the other.
+STOOD_STILL = f"""
+import json, sys, threading, time, foretrace
+from foretrace.messages import RobotMode, SafetyMode
+ft = foretrace.attach()
+arm = ft.arm_interface(250, simulated=True)
+over = threading.Event()
+threading.Thread(target=lambda: (sys.stdin.readline(), over.set()), daemon=True).start()
+q, qd, last, moved, longest = {HOME}, [0.0] * 6, None, 0, 0
+print("reports", flush=True)
+while not over.is_set():
+    target = arm.next_target()
+    if target.move:
+        q, qd = target.q, target.qd
+        moved += 1
+        longest = max(longest, target.at_ns - last if last else 0)
+        last = target.at_ns
+    else:
+        qd, last = [0.0] * 6, None
+    arm.measured(q, qd, safety_mode=SafetyMode.NORMAL, robot_mode=RobotMode.RUNNING)
+    time.sleep(0.003)
+print(json.dumps({{"moved": moved, "longest_ns": longest, "pauses": arm.counts()["pauses"]}}))
+"""
+
+
+class Recorded:
+    """The native attachment, and how the arms that it makes brake."""
+
+    def __init__(self, native, made):
+        self.native, self.made = native, made
+
+    def __getattr__(self, name):
+        return getattr(self.native, name)
+
+    def arm_interface(self, rate_hz, braking, *others):
+        self.made.append(braking)
+        return self.native.arm_interface(rate_hz, braking, *others)
 
 
 class Arms(World):
@@ -66,8 +110,11 @@ class Arms(World):
                 arm.measured(HOME[:5], [0.0] * 6)
             with self.refuses(foretrace.Invalid, "effort_unit"):
                 arm.measured(HOME, [0.0] * 6, effort=[0.0] * 6)
-            with self.refuses(foretrace.Invalid, "safety_mode"):
-                arm.measured(HOME, [0.0] * 6, safety_mode=99)
+            for number in (99, -1, 2**40, 0.5):
+                with self.refuses(foretrace.Invalid, "safety_mode"):
+                    arm.measured(HOME, [0.0] * 6, safety_mode=number)
+            with self.refuses(foretrace.Invalid, "q = "):
+                arm.measured([10**400] * 6, [0.0] * 6)
             target = arm.target()
             self.assertEqual((target.move, target.state, target.q), (False, "stand", None))
             self.assertEqual(arm.counts()["states_sent"], 1)
@@ -80,9 +127,47 @@ class Arms(World):
             for arguments, name in (
                 ({"rate_hz": 0}, "rate_hz"), ({"rate_hz": math.nan}, "rate_hz"), ({"rate_hz": 1e6}, "rate_hz"),
                 ({"rate_hz": 500, "deceleration": 0}, "deceleration"), ({"rate_hz": 500, "pause_after": 0}, "pause_after"),
+                ({"rate_hz": 500, "deceleration": [20.0] * 5 + [0.0]}, "deceleration of joint 6"),
             ):
                 with self.refuses(foretrace.Invalid, name, "from"):
                     ft.arm_interface(**arguments)
+
+    def test_it_brakes_as_the_settings_of_the_daemon_say(self):
+        self.daemon("--set", "robot.stale_deceleration_radps2=[5, 6, 7, 8, 9, 10]")
+        with foretrace.attach() as ft:
+            made, native = [], ft._native
+            ft._native = Recorded(native, made)
+            for given, want in ((None, [5.0, 6.0, 7.0, 8.0, 9.0, 10.0]), (3, [3.0] * 6), ([1, 2, 3, 4, 5, 6], [1.0, 2.0, 3.0, 4.0, 5.0, 6.0])):
+                ft.arm_interface(500, deceleration=given).close()
+                self.assertEqual(made.pop(), want)
+            for bad in ([1.0] * 5, "hard", [None] * 6):
+                with self.refuses(foretrace.Invalid, "deceleration"):
+                    ft.arm_interface(500, deceleration=bad)
+            ft._native = native
+
+    def test_a_process_that_stood_still_never_jumps(self):
+        self.daemon()
+        with foretrace.attach() as ft:
+            child = subprocess.Popen([sys.executable, "-c", STOOD_STILL], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+            self.children.append(child)
+            self.assertTrue(child.stdout.readline(), "it reports")
+            hand = Hand(ft)
+            for _ in range(12):
+                self.armed(ft)
+                following(ft)
+                time.sleep(0.4)
+                child.send_signal(signal.SIGSTOP)
+                time.sleep(0.08)
+                child.send_signal(signal.SIGCONT)
+                time.sleep(0.3)
+            hand.end()
+            out, error = child.communicate("\n", timeout=20)
+            self.assertEqual((child.returncode, error), (0, ""))
+            told = json.loads(out)
+            # It moved, and whoever stood still for longer than pause_after was told to stand.
+            self.assertGreater(told["moved"], 500)
+            self.assertGreaterEqual(told["pauses"], 10)
+            self.assertLessEqual(told["longest_ns"], 50_000_000)
 
     def test_when_the_daemon_dies_it_brakes_as_the_next_daemon_assumes(self):
         daemon = self.daemon()
@@ -210,6 +295,54 @@ class Arms(World):
             arm.say_nothing()
             until("no note", lambda: arm.measured(HOME, [0.0] * 6) and ft.status().note_since_ns == 0)
 
+    def test_what_the_arm_says_lasts_over_a_restart_and_a_pause(self):
+        daemon = self.daemon()
+        with foretrace.attach() as ft, ft.arm_interface(100) as arm:
+
+            def told(words):
+                arm.measured(HOME, [0.0] * 6, safety_mode=SafetyMode.PROTECTIVE_STOP, robot_mode=RobotMode.RUNNING)
+                try:
+                    return words in ft.status().note.text.decode()
+                except foretrace.NoDaemon:
+                    return False
+
+            arm.say("the door is open", "close it, then arm")
+            until("the note", lambda: told("the door is open"))
+            daemon.terminate()
+            daemon.communicate(timeout=20)
+            daemon = self.daemon()
+            until("the note, again", lambda: told("the door is open"))
+            # Said while there is nobody to hear it.
+            daemon.terminate()
+            daemon.communicate(timeout=20)
+            time.sleep(0.6)
+            arm.say("the light is red", "")
+            self.daemon()
+            until("the other note", lambda: told("the light is red"))
+        with foretrace.attach() as ft:
+            arm = PerfectArm(ft)
+            arm.interface.say("the window is open", "")
+            self.armed(ft)
+            hand = Hand(ft)
+            following(ft)
+
+            def note():
+                return ft.status().note.text.decode()
+
+            def pause():
+                if ft.status().mode != Mode.FOLLOWING:
+                    self.armed(ft)
+                    following(ft)
+                arm.block_s = 0.8
+                time.sleep(1.2)
+                return "read no target" in note()
+
+            until("the pause is told", pause, timeout=60.0)
+            self.armed(ft)
+            until("what the program says is told again", lambda: note() == "the window is open")
+            hand.end()
+            arm.end()
+
     def test_the_messages_themselves(self):
         self.daemon()
         with foretrace.attach() as ft, ft.arm_ports() as ports:
@@ -232,6 +365,9 @@ class Arms(World):
             q, qd = foretrace.demand_at(command, command.header.stamp_ns)
             self.assertEqual(q, list(command.q))
             self.assertIsNone(foretrace.demand_at(command, command.valid_until_ns))
+            for instant in (-1, 1.5, 2**70):
+                with self.refuses(foretrace.Invalid, "now_ns"):
+                    foretrace.demand_at(command, instant)
             state.q[0] = math.inf
             with self.refuses(foretrace.Invalid, "q"):
                 ports.publish(state, time.monotonic_ns())
@@ -246,6 +382,12 @@ class Arms(World):
         with foretrace.attach() as ft, ft.arm_interface(100) as arm:
             with self.refuses(foretrace.Invalid, "no joint state"):
                 ft.state_at(time.monotonic_ns())
+            for instant in (-1, 1.5, 2**70, "now"):
+                with self.refuses(foretrace.Invalid, "t_ns"):
+                    ft.state_at(instant)
+            for timeout in (math.nan, math.inf, -1.0):
+                with self.refuses(foretrace.Invalid, "timeout"):
+                    ft.state_at(time.monotonic_ns(), timeout=timeout)
             begin = time.monotonic_ns()
             stamps = []
             for count in range(20):

@@ -2,6 +2,7 @@
 
 import math
 import os
+import sys
 import time
 import unittest
 
@@ -37,6 +38,16 @@ class Pens(World):
             else:
                 stamps = numpy.array([time.monotonic_ns() - 1000, time.monotonic_ns()])
                 self.assertEqual(pen.send_many(numpy.zeros(2), numpy.zeros(2), numpy.array([True, False]), stamps), 2)
+                # One number of numpy stands for all, as one of Python does.
+                now = time.monotonic_ns()
+                self.assertEqual(pen.send_many(numpy.zeros(2), numpy.zeros(2), numpy.bool_(True), [now, now]), 2)
+            watch.drain_records(0.5)
+            stamps = [time.monotonic_ns(), time.monotonic_ns()]
+            tilts, flags = [(0.1, 0.2), (0.3, -0.4)], [PenFlags.BUTTON_1, PenFlags.IN_RANGE]
+            self.assertEqual(pen.send_many([0.0, 0.0], [0.0, 0.0], False, stamps, tilt=tilts, flags=flags), 2)
+            got = until("both", lambda: (got := watch.drain_records(0.5)) and len(got) == 2 and got)
+            self.assertEqual([one.flags for one in got], flags)
+            self.assertAlmostEqual(got[1].tilt_y_rad, -0.4, places=6)
             holder = self.ask("status").stdout
             self.assertIn("circle", holder)
 
@@ -55,8 +66,16 @@ class Pens(World):
                 pen.send(0.0, 0.0, True, pressure=1024)
             with self.refuses(foretrace.Invalid, "tilt_x_rad"):
                 pen.send(0.0, 0.0, True, tilt=(45.0, 0.0))
-            with self.refuses(foretrace.Invalid, "flags"):
-                pen.send(0.0, 0.0, True, flags=1 << 20)
+            for tilt in (5, (0.1,), (0.1, 0.2, 0.3), "left"):
+                with self.refuses(foretrace.Invalid, "tilt"):
+                    pen.send(0.0, 0.0, True, tilt=tilt)
+            with self.refuses(foretrace.Invalid, "x = 1"):
+                pen.send(10**400, 0.0, True)
+            for flags in (1 << 20, -1, 1 << 40, 0.5):
+                with self.refuses(foretrace.Invalid, "flags"):
+                    pen.send(0.0, 0.0, True, flags=flags)
+            with self.refuses(foretrace.Invalid, "tilt has 1 values, x has 2"):
+                pen.send_many([0.0, 0.0], [0.0, 0.0], True, [1, 2], tilt=[(0.0, 0.0)])
             # The time of day, and a clock that began elsewhere.
             with self.refuses(foretrace.Invalid, "in the future", "time.monotonic_ns()", "time.time_ns()"):
                 pen.send(0.0, 0.0, True, stamp=time.time_ns())
@@ -110,6 +129,10 @@ class Pens(World):
     def test_of_two_pens_the_second_is_refused_with_the_name_of_the_first(self):
         self.daemon()
         with foretrace.attach() as ft:
+            with ft.pen():
+                # The file of this program, or what stands for one without.
+                with self.refuses(foretrace.Taken, os.path.basename(sys.argv[0]) or "python", str(os.getpid())):
+                    ft.pen(name="second")
             first = ft.pen(name="first")
             with self.refuses(foretrace.Taken, "first", str(os.getpid())):
                 ft.pen(name="second")

@@ -6,7 +6,7 @@ from typing import Any, Iterator, NamedTuple, Sequence
 
 from . import _native, messages
 from ._native import Invalid, Problem
-from .handles import Closable, _whole
+from .handles import Closable, _bits, _each, _stamp
 
 #: Joints of an arm.
 JOINTS = 6
@@ -33,10 +33,15 @@ class Target(NamedTuple):
     flags: int
 
 
+def decelerations(given: float | Sequence[float]) -> list[float]:
+    """One for all joints, or one per joint [rad/s²]."""
+    return _joints("deceleration", _each(given, JOINTS), "rad/s²")
+
+
 def _joints(name: str, values: Sequence[float], unit: str) -> list[float]:
     try:
         joints = [float(value) for value in values]
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise Invalid(f"{name} = {values!r}: {JOINTS} numbers, one per joint [{unit}]") from None
     if len(joints) != JOINTS:
         raise Invalid(f"{name} has {len(joints)} values: {JOINTS}, one per joint [{unit}]")
@@ -89,9 +94,9 @@ class ArmInterface(Closable):
             _joints("q", q, "rad"),
             _joints("qd", qd, "rad/s"),
             None if effort is None else _joints("effort", effort, "effort_unit"),
-            _stamp("effort_unit", effort_unit),
-            _stamp("safety_mode", safety_mode),
-            _stamp("robot_mode", robot_mode),
+            _bits("effort_unit", effort_unit),
+            _bits("safety_mode", safety_mode),
+            _bits("robot_mode", robot_mode),
             _stamp("robot_stamp", robot_stamp),
         )
 
@@ -134,13 +139,6 @@ class ArmInterface(Closable):
         self._native.close()
 
 
-def _stamp(name: str, value: Any) -> int:
-    number = _whole(name, value)
-    if not 0 <= number < 2**63:
-        raise Invalid(f"{name} = {value}: a whole number from 0")
-    return number
-
-
 class ArmPorts(Closable):
     """The messages of an arm as they are, for a loop that is written in Python; made by `Foretrace.arm_ports`.
 
@@ -169,4 +167,4 @@ class ArmPorts(Closable):
 
 def demand_at(command: messages.JointCommand, now_ns: int) -> tuple[list[float], list[float]] | None:
     """Positions [rad] and velocities [rad/s] of a command at an instant [ns]; none: brake."""
-    return _native.demand_at(bytes(command), now_ns)
+    return _native.demand_at(bytes(command), _stamp("now_ns", now_ns))

@@ -14,6 +14,9 @@ from . import _native, messages
 from ._native import Invalid, Problem
 from .clocks import mapping
 
+#: A status that is older is not what the daemon does now [ns]: one comes each 100 ms.
+FRESH_NS = 250_000_000
+
 _Self = TypeVar("_Self", bound="Closable")
 
 
@@ -62,7 +65,7 @@ class _Feed(Closable):
         and y from the plane's normal [rad]. `flags`: further `messages.PenFlags`, of hovering pens `IN_RANGE`.
 
         Raises `Invalid` for a number outside its bounds or a stamp of another clock, `Taken` if another program asked
-        for the pen, `NoDaemon`. Whatever it raises, the sample was not sent.
+        for the pen or has it, `NoDaemon`: then the sample was not sent. After `NoAnswer` or Ctrl-C it may have been.
         """
         sample = self._sample(x, y, contact, stamp, pressure, tilt, flags)
         _, heard, error = self._native.send([sample])
@@ -77,21 +80,24 @@ class _Feed(Closable):
         contact: Sequence[bool] | bool,
         stamp: Sequence[int],
         pressure: Sequence[float] | None = None,
+        tilt: Sequence[tuple[float, float]] | None = None,
+        flags: Sequence[int] | int = 0,
     ) -> int:
         """Sends samples that came together, oldest first: lists, tuples or arrays of equal lengths, as `send` takes
-        them. Returns how many were sent.
+        them; one `contact` or `flags` may stand for all. Returns how many were sent.
 
         Raises what `send` raises, with the number of those sent before as `error.sent`.
         """
         count = len(x)
-        contacts = [contact] * count if isinstance(contact, bool) else contact
-        for name, values in (("y", y), ("contact", contacts), ("stamp", stamp), ("pressure", pressure)):
-            if values is not None and len(values) != count:
+        absent = [None] * count
+        lists: dict[str, Any] = {
+            "y": y, "contact": _each(contact, count), "stamp": stamp, "pressure": absent if pressure is None else pressure,
+            "tilt": absent if tilt is None else tilt, "flags": _each(flags, count),
+        }
+        for name, values in lists.items():
+            if len(values) != count:
                 raise Invalid(f"{name} has {len(values)} values, x has {count}: one of each per sample")
-        samples = [
-            self._sample(x[i], y[i], contacts[i], stamp[i], None if pressure is None else pressure[i], None, 0)
-            for i in range(count)
-        ]
+        samples = [self._sample(*one) for one in zip(x, *lists.values())]
         sent, _, error = self._native.send(samples)
         if error is not None:
             error.sent = sent  # type: ignore[attr-defined]
@@ -104,22 +110,32 @@ class _Feed(Closable):
         when = _native.now_ns() if stamp is None else self._map(_whole("stamp", stamp))
         if not 0 <= when < 2**64:
             raise Invalid(f"stamp = {stamp} ns is {when} ns on the clock of time.monotonic_ns(), which begins at 0")
-        bits = _whole("flags", flags)
-        if not 0 <= bits < 2**32:
-            raise Invalid(f"flags = {flags}: from 0 to {2**32 - 1}")
+        bits = _bits("flags", flags)
         leaning = None
         if tilt is not None:
-            leaning = [_number("tilt", value, "rad") for value in tilt]
+            try:
+                leaning = [_number("tilt", value, "rad") for value in tilt]
+            except TypeError:
+                leaning = [_number("tilt", tilt, "rad")]
             if len(leaning) != 2:
-                raise Invalid(f"tilt has {len(leaning)} values: two, towards x and y [rad]")
+                raise Invalid(f"tilt = {tilt!r}: two numbers, towards x and y [rad]")
         pressed = None if pressure is None else _number("pressure", pressure, "0 to 1")
         return when, _number("x", x, "m"), _number("y", y, "m"), bool(contact), pressed, leaning, bits
+
+
+def _each(value: Any, count: int) -> Any:
+    """A list as it is; one value as often as it is needed."""
+    try:
+        len(value)
+    except TypeError:
+        return [value] * count
+    return value
 
 
 def _number(name: str, value: Any, unit: str) -> float:
     try:
         return float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise Invalid(f"{name} = {value!r} is not a number [{unit}]") from None
 
 
@@ -131,6 +147,27 @@ def _whole(name: str, value: Any) -> int:
     except (TypeError, ValueError, OverflowError):
         pass
     raise Invalid(f"{name} = {value!r} is not a whole number")
+
+
+def _bits(name: str, value: Any) -> int:
+    number = _whole(name, value)
+    if not 0 <= number < 2**32:
+        raise Invalid(f"{name} = {value}: from 0 to {2**32 - 1}")
+    return number
+
+
+def _stamp(name: str, value: Any) -> int:
+    number = _whole(name, value)
+    if not 0 <= number < 2**63:
+        raise Invalid(f"{name} = {value}: a whole number from 0")
+    return number
+
+
+def _seconds(name: str, value: Any) -> float:
+    number = _number(name, value, "s")
+    if not 0.0 <= number <= 3600.0:
+        raise Invalid(f"{name} = {number} s: from 0 to 3600")
+    return number
 
 
 class Pen(_Feed):
@@ -245,12 +282,14 @@ class Records(Closable):
 
 
 class StatusWatch:
-    """Each new status as it comes; made by `Foretrace.watch`. Where an error ends a loop over it, the next may go on."""
+    """The newest status whenever there is a newer one; made by `Foretrace.watch`. One that is overtaken by the next
+    before it is asked for is not given. Where an error ends a loop over it, the next may go on."""
 
     def __init__(self, native: _native.StatusHandle, timeout: float) -> None:
         self._native = native
         self._timeout = timeout
-        self._stamp_ns = 0
+        # What is older is the word of a daemon that may be gone.
+        self._stamp_ns = max(0, _native.now_ns() - FRESH_NS)
 
     def __iter__(self) -> Iterator[messages.Status]:
         return self

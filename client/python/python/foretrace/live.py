@@ -5,17 +5,18 @@ from __future__ import annotations
 import atexit
 import math
 import os
+import sys
 import threading
 import time
 import warnings
 from types import TracebackType
-from typing import Any, Callable, NamedTuple, TypeVar
+from typing import Any, Callable, NamedTuple, Sequence, TypeVar
 
 from . import _native, messages
-from ._native import Invalid, NoAnswer, Problem
-from .arm import ArmInterface, ArmPorts
+from ._native import Invalid, NoAnswer, Problem, Taken
+from .arm import ArmInterface, ArmPorts, decelerations
 from .clocks import mapping
-from .handles import Closable, DeadMan, Pen, Records, StatusWatch
+from .handles import FRESH_NS, Closable, DeadMan, Pen, Records, StatusWatch, _seconds, _stamp
 from .pace import Pace
 from .predictor import PredictorInterface
 
@@ -27,9 +28,6 @@ if messages.LAYOUT_HASH != _native.LAYOUT_HASH:
 
 # Before the interpreter ends: stops what was set in motion, and ends the threads of the package.
 atexit.register(_native.close_all)
-
-#: A status that is older is not what the daemon does now [ns]: one comes each 100 ms.
-_FRESH_NS = 250_000_000
 
 _Handle = TypeVar("_Handle", bound=Closable)
 
@@ -100,6 +98,14 @@ def _instance(number: int) -> int:
     if isinstance(number, int) and 0 <= number < 2**32:
         return number
     raise Invalid(f"instance = {number!r}: a whole number from 0")
+
+
+def _holder(name: str | None) -> str:
+    """Who holds a place, as others are told."""
+    if name is not None:
+        return name
+    file = os.path.basename(sys.argv[0]) if sys.argv else ""
+    return "python" if file in ("", "-c", "-m") else file
 
 
 class Foretrace(Closable):
@@ -189,18 +195,19 @@ class Foretrace(Closable):
     def status(self, *, timeout: float = 1.0) -> messages.Status:
         """The daemon's status, not older than the newest request of this attachment; `str(...)` of it and `to_dict()`
         have words. Raises `NoDaemon` or `NoAnswer` if none comes within `timeout` [s]."""
-        after_ns = max(now_ns() - _FRESH_NS, self._asked_ns)
+        after_ns = max(now_ns() - FRESH_NS, self._asked_ns)
         return messages.Status.from_buffer_copy(self._status_handle().newer(after_ns, timeout))
 
     def watch(self, *, timeout: float = 1.0) -> StatusWatch:
-        """Each status from now on: ten per second, and one on every change. An iterator; raises `NoDaemon` or `NoAnswer`
-        where none comes within `timeout` [s], and goes on after it."""
+        """The newest status, again and again: ten per second, and one on every change. An iterator, which leaves out what was
+        overtaken while nobody asked; raises `NoDaemon` or `NoAnswer` where none comes within `timeout` [s], and goes on
+        after it."""
         return StatusWatch(self._status_handle(), timeout)
 
     def wait_until(self, condition: Callable[[messages.Status], bool], *, timeout: float) -> messages.Status:
         """Waits up to `timeout` [s] for a status that meets `condition`: `lambda status: status.mode == Mode.FOLLOWING`.
         Raises `NoAnswer` with the newest mode."""
-        deadline = time.monotonic() + timeout
+        deadline = time.monotonic() + _seconds("timeout", timeout)
         status = self.status()
         watch = self.watch()
         while not condition(status):
@@ -230,6 +237,7 @@ class Foretrace(Closable):
         The last 8192 states are kept, from the first call on. Raises `Invalid` for a time before these, in a silence of
         the arm, or not reached yet.
         """
+        t_ns, timeout = _stamp("t_ns", t_ns), _seconds("timeout", timeout)
         with self._lock:
             if self._history is None:
                 self._history = self._native.history()
@@ -247,33 +255,49 @@ class Foretrace(Closable):
     # Handles.
 
     def pen(self, *, clock: str = "monotonic", name: str | None = None, take_over: float | None = None) -> Pen:
-        """The pen, held in the name of this program or `name`.
+        """The pen, held in the name of `name`; none: of this program's file, or "python" where there is none.
 
         `clock`: of which the stamps are: "monotonic" (`time.monotonic_ns()`), "realtime" (`time.time_ns()`), "device" (a
         device's own nanoseconds, mapped by the smallest delay seen). `take_over`: ask its holder, and wait so long [s].
         Raises `Taken`, which names the holder.
         """
         mapping(clock)
-        return self._keep(Pen(self._native.pen(name, take_over), clock))
+        return self._keep(Pen(self._native.pen(_holder(name), take_over), clock))
 
     def dead_man(self, *, name: str | None = None, take_over: float | None = None) -> DeadMan:
         """The dead-man switch; `name`, `take_over` and errors as with `pen`."""
-        return self._keep(DeadMan(self._native.dead_man(name, take_over)))
+        return self._keep(DeadMan(self._native.dead_man(_holder(name), take_over)))
 
     def predictor_interface(self) -> PredictorInterface:
         """Makes this program the predictor `external`; see `PredictorInterface`. Raises `Taken` if there is one already."""
         return self._keep(PredictorInterface(self._native.predictor()))
 
     def arm_interface(
-        self, rate_hz: float, *, deceleration: float = 20.0, pause_after: float = 0.05, simulated: bool = False
+        self,
+        rate_hz: float,
+        *,
+        deceleration: float | Sequence[float] | None = None,
+        pause_after: float = 0.05,
+        simulated: bool = False,
     ) -> ArmInterface:
         """Makes this program the arm: targets at `rate_hz`, measurements back.
 
-        `deceleration` [rad/s²]: of each joint where commands end, that of `robot.stale_deceleration_radps2`.
-        `pause_after` [s]: reading no target for longer, while the arm moves, makes it stand until it is armed again.
-        `simulated`: nothing real moves. Raises `Taken` if there is an arm already.
+        `deceleration` [rad/s²]: how the joints brake where commands end, one for all or one per joint; none: what the
+        daemon assumes by its `robot.stale_deceleration_radps2`. `pause_after` [s]: reading no target for longer, while the
+        arm moves, makes it stand until it is armed again. `simulated`: nothing real moves. Raises `Taken` if there is an
+        arm already.
         """
-        return self._keep(ArmInterface(self._native.arm_interface(rate_hz, deceleration, pause_after, simulated)))
+        braking = self._assumed_braking() if deceleration is None else decelerations(deceleration)
+        return self._keep(ArmInterface(self._native.arm_interface(rate_hz, braking, pause_after, simulated)))
+
+    def _assumed_braking(self) -> list[float]:
+        try:
+            robot = _native.toml_table(self.settings().text)["robot"]
+        except (Taken, NoAnswer) as problem:
+            text = f"{problem}; or give deceleration, which is read from the settings otherwise"
+            raise type(problem)(text) from None
+        # Without one of its own the law takes the acceleration.
+        return decelerations(robot.get("stale_deceleration_radps2") or robot["acceleration_radps2"])
 
     def arm_ports(self) -> ArmPorts:
         """The messages of an arm as they are; see `ArmPorts`."""

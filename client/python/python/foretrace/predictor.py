@@ -6,7 +6,7 @@ from typing import Any, Iterator, Sequence
 
 from . import _native, messages
 from ._native import Invalid
-from .handles import Closable
+from .handles import Closable, _whole
 
 
 class PredictorInterface(Closable):
@@ -21,7 +21,8 @@ class PredictorInterface(Closable):
         self._native = native
 
     def next(self, timeout: float = 1.0) -> messages.PenStep | None:
-        """The next unread step; None where none comes within `timeout` [s].
+        """The next unread step; None where none comes within `timeout` [s]. Raises `Taken` if another program has the place
+        of a new daemon.
 
         Positions and displacements are in the plane's frame [m]. A step whose `motion` is not `PenMotion.CONTINUES` begins
         anew: nothing before it belongs to it.
@@ -45,11 +46,11 @@ class PredictorInterface(Closable):
         Raises `Invalid` for numbers that are not finite or another count, `Taken` if another program asked for the place,
         `NoDaemon`. What the daemon refuses (late, repeated, wild) it counts: `Foretrace.status().external`.
         """
-        index = step if isinstance(step, int) else step.index
+        index = step.index if isinstance(step, messages.PenStep) else _whole("step", step)
         try:
             points = [[float(x), float(y)] for x, y in positions]
             widths = [] if radii is None else [float(radius) for radius in radii]
-        except (TypeError, ValueError) as error:
+        except (TypeError, ValueError, OverflowError) as error:
             raise Invalid(f"positions are pairs of numbers [m], radii are numbers [m]: {error}") from None
         if not 0 <= index < 2**64:
             raise Invalid(f"step {index}: an index of the pen's grid is from 0 to {2**64 - 1}")

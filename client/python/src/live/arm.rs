@@ -55,7 +55,7 @@ impl ArmHandle {
         py: Python<'_>,
         instance: Instance,
         rate_hz: f64,
-        deceleration: f64,
+        deceleration: GivenJoints,
         pause_after_s: f64,
         simulated: bool,
     ) -> PyResult<Self> {
@@ -66,11 +66,13 @@ impl ArmHandle {
             Err(LiveFailure::invalid(format!("{name} = {value} {unit}: from {from} to {to}")))
         };
         bounded("rate_hz", rate_hz, 1.0, 8000.0, "Hz")?;
-        bounded("deceleration", deceleration, 0.1, 500.0, "rad/s²")?;
+        for (joint, deceleration) in (1..).zip(deceleration) {
+            bounded(&format!("deceleration of joint {joint}"), deceleration, 0.1, 500.0, "rad/s²")?;
+        }
         bounded("pause_after", pause_after_s, 0.01, 10.0, "s")?;
         let pace = ArmPace {
             period: Duration::from_secs_f64(1.0 / rate_hz),
-            deceleration: [deceleration; JOINTS],
+            deceleration,
             pause_ns: (pause_after_s * 1e9) as u64,
         };
         let desk = SharedDesk::default();

@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, MutexGuard, TryLockError, Weak};
 use std::time::{Duration, Instant};
 
 use foretrace_client::wire::ControlResponse;
-use foretrace_client::{DaemonMark, Foretrace, Instance, RequestError, Requests, Stopped};
+use foretrace_client::{DaemonMark, Foretrace, Instance, JOINTS, RequestError, Requests, Stopped};
 use pyo3::prelude::*;
 
 use super::arm::ArmHandle;
@@ -318,7 +318,7 @@ impl LiveAttachment {
         &self,
         py: Python<'_>,
         rate_hz: f64,
-        deceleration: f64,
+        deceleration: [f64; JOINTS],
         pause_after_s: f64,
         simulated: bool,
     ) -> PyResult<ArmHandle> {
