@@ -3,6 +3,7 @@
 import os
 import pathlib
 import re
+import signal
 import subprocess
 import sys
 import time
@@ -96,6 +97,12 @@ class Faults(World):
 
     def test_a_daemon_of_another_layout_is_refused_with_both(self):
         self.daemon()
+        ours, theirs = self.alter_the_layout()
+        with self.refuses(foretrace.OtherVersion, ours, theirs, "PenSample", "one version of foretrace", "0.1.0"):
+            foretrace.attach()
+
+    def alter_the_layout(self):
+        """Makes the daemon's pen one of another layout; the layouts, ours and theirs."""
         service = next(
             path
             for path in pathlib.Path(self.folder).rglob("*.service")
@@ -108,8 +115,78 @@ class Faults(World):
         service.chmod(0o600)
         service.write_text(text.replace(ours, theirs))
         service.chmod(mode)
-        with self.refuses(foretrace.OtherVersion, ours, theirs, "PenSample", "one version of foretrace", "0.1.0"):
-            foretrace.attach()
+        return ours, theirs
+
+    def stands_still_over_a_restart(self, code, meanwhile):
+        """A program that begins with `code` stands still while a daemon ends, a new one begins, and `meanwhile` is done;
+        then it is told to go on. What it says."""
+        daemon = self.daemon()
+        child = subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        self.children.append(child)
+        self.assertTrue(child.stdout.readline(), "it has begun")
+        child.send_signal(signal.SIGSTOP)
+        daemon.terminate()
+        daemon.communicate(timeout=20)
+        self.daemon()
+        try:
+            meanwhile()
+        finally:
+            child.send_signal(signal.SIGCONT)
+        out, error = child.communicate("\n", timeout=30)
+        self.assertEqual(error, "")
+        return out
+
+    def test_a_new_daemon_of_another_layout_is_named_to_who_watches_already(self):
+        layouts = []
+        told = self.stands_still_over_a_restart(
+            "import foretrace\n"
+            "ft = foretrace.attach()\n"
+            "ft.status()\n"
+            "print('begun', flush=True)\n"
+            "input()\n"
+            "try:\n"
+            "    print(ft.status(timeout=3.0))\n"
+            "except foretrace.OtherVersion as problem:\n"
+            "    print('other version:', problem)\n",
+            lambda: layouts.extend(self.alter_the_layout()),
+        )
+        self.assertTrue(told.startswith("other version:"), told)
+        for layout in layouts:
+            self.assertIn(layout, told)
+
+    def test_who_finds_his_place_taken_at_a_new_daemon_is_told(self):
+        def take():
+            self.other = foretrace.attach()
+            self.addCleanup(self.other.close)
+            self.other.arm_interface(100)
+
+        told = self.stands_still_over_a_restart(
+            "import foretrace, time\n"
+            "from foretrace.messages import JointState\n"
+            "ft = foretrace.attach()\n"
+            "ports = ft.arm_ports()\n"
+            "print('begun', flush=True)\n"
+            "input()\n"
+            "end = time.monotonic() + 10.0\n"
+            "while time.monotonic() < end:\n"
+            "    try:\n"
+            "        ports.publish(JointState(), time.monotonic_ns())\n"
+            "    except foretrace.Problem as problem:\n"
+            "        print(type(problem).__name__, problem)\n"
+            "        break\n"
+            "    time.sleep(0.05)\n",
+            take,
+        )
+        self.assertTrue(told.startswith("Taken"), told)
+
+    def test_a_watch_never_begins_with_the_word_of_a_daemon_that_is_gone(self):
+        daemon = self.daemon()
+        with foretrace.attach() as ft:
+            ft.status()
+            self.kill(daemon)
+            time.sleep(1.0)
+            with self.refuses(foretrace.NoDaemon):
+                next(ft.watch(timeout=0.3))
 
     def test_a_package_with_messages_of_another_layout_is_refused_at_import(self):
         # The module beside the library, altered.

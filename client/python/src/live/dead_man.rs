@@ -3,17 +3,18 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use foretrace_client::{Claimant, DeadMan, DeadManError, Foretrace, HolderKind, Instance, Lasting};
+use foretrace_client::{Claimant, DeadMan, DeadManError, Foretrace, HolderKind, Instance};
 use pyo3::prelude::*;
 
 use super::failure::{FailureKind, LiveFailure};
+use super::kept::KeptHandle;
 use super::pen::PATIENCE;
 use super::worker::{Closing, HandleWorker, seconds};
 
 /// The dead-man switch of an instance, from any Python thread.
 #[pyclass(frozen, module = "foretrace._native")]
 pub struct DeadManHandle {
-    worker: Arc<HandleWorker<Lasting<DeadMan>>>,
+    worker: Arc<HandleWorker<KeptHandle<DeadMan>>>,
 }
 
 impl DeadManHandle {
@@ -26,18 +27,17 @@ impl DeadManHandle {
         let who = Claimant::new(HolderKind::Program, name.unwrap_or("python"));
         let patience = take_over_s.map(|patience| seconds("take_over", patience)).transpose()?;
         let again = who.clone();
-        let open = move || -> Result<Lasting<DeadMan>, LiveFailure> {
+        let open = move || -> Result<KeptHandle<DeadMan>, LiveFailure> {
             let foretrace = Foretrace::attach_within(&instance, Duration::ZERO)?;
             let dead_man = match patience {
                 None => foretrace.dead_man_as(&who)?,
                 Some(patience) => foretrace.take_dead_man(&who, patience)?,
             };
-            Ok(Lasting::new(foretrace, dead_man))
+            Ok(KeptHandle::new(foretrace, dead_man))
         };
-        let idle = move |switch: &mut Lasting<DeadMan>| {
-            if switch.handle.as_mut().is_none_or(|dead_man| dead_man.handed_to().is_none()) {
-                // An error is no end: the next look tries again, and a beat says that there is none.
-                let _ = switch.look(|foretrace| foretrace.dead_man_as(&again));
+        let idle = move |switch: &mut KeptHandle<DeadMan>| {
+            if switch.handle().is_none_or(|dead_man| dead_man.handed_to().is_none()) {
+                switch.look(|foretrace| foretrace.dead_man_as(&again));
             }
         };
         let opening = PATIENCE + patience.unwrap_or_default();
@@ -48,13 +48,10 @@ impl DeadManHandle {
 
 /// Sends a signal; none is sent where there is no daemon.
 fn signal(
-    switch: &mut Lasting<DeadMan>,
+    switch: &mut KeptHandle<DeadMan>,
     send: impl FnOnce(&mut DeadMan) -> Result<(), DeadManError>,
 ) -> Result<(), LiveFailure> {
-    let Some(dead_man) = &mut switch.handle else {
-        let text = "the dead-man switch has no daemon: a new one is there, but gave no place yet; beat again";
-        return Err(LiveFailure::new(FailureKind::NoDaemon, text));
-    };
+    let dead_man = switch.open("the dead-man switch")?;
     match send(dead_man) {
         Err(DeadManError::HandedOver) => {
             let who = dead_man.handed_to().map_or_else(|| "another program".to_owned(), ToString::to_string);
@@ -77,7 +74,7 @@ impl DeadManHandle {
 
     fn handed_to(&self, py: Python<'_>) -> PyResult<Option<String>> {
         self.worker.call(py, PATIENCE, |switch| {
-            switch.handle.as_mut().and_then(|dead_man| dead_man.handed_to().map(ToString::to_string))
+            switch.handle().and_then(|dead_man| dead_man.handed_to().map(ToString::to_string))
         })
     }
 

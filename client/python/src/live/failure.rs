@@ -35,6 +35,11 @@ impl LiveFailure {
         Self { kind, text: text.into(), refusal: None }
     }
 
+    /// Whether it stays until another program ends or is replaced.
+    pub fn lasts(&self) -> bool {
+        matches!(self.kind, FailureKind::Taken | FailureKind::OtherVersion)
+    }
+
     pub fn invalid(text: impl Into<String>) -> Self {
         Self::new(FailureKind::Invalid, text)
     }

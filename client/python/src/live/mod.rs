@@ -7,6 +7,7 @@
 
 mod failure;
 mod worker;
+mod kept;
 mod pen;
 mod dead_man;
 mod status;

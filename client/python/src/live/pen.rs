@@ -5,12 +5,13 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use foretrace_client::{
-    Claimant, DaemonChange, FeedError, Foretrace, GatewayFeed, HolderKind, Instance, Lasting, PenFeed,
-    PenReading, ServiceError, monotonic_now_ns,
+    Claimant, DaemonChange, FeedError, Foretrace, GatewayFeed, HolderKind, Instance, PenFeed, PenReading,
+    monotonic_now_ns,
 };
 use pyo3::prelude::*;
 
 use super::failure::{FailureKind, LiveFailure};
+use super::kept::KeptHandle;
 use super::worker::{Closing, HandleWorker, locked, same_process, seconds};
 
 /// Every call on a handle, without what it waits for.
@@ -76,21 +77,19 @@ fn outcome(py: Python<'_>, result: (u64, u64, Option<LiveFailure>)) -> SendOutco
 
 /// A pen that outlives the daemon.
 struct LastingPen {
-    pen: Lasting<PenFeed>,
+    pen: KeptHandle<PenFeed>,
     who: Claimant,
     /// A killed daemon stays connected; only a look finds that it is gone.
     gone: bool,
 }
 
 impl LastingPen {
-    fn look(&mut self) -> Option<ServiceError> {
-        let (change, error) = self.pen.look(|foretrace| foretrace.pen_feed_as(&self.who));
-        match change {
+    fn look(&mut self) {
+        match self.pen.look(|foretrace| foretrace.pen_feed_as(&self.who)) {
             DaemonChange::None => {}
             DaemonChange::Gone => self.gone = true,
             DaemonChange::Back | DaemonChange::Renewed => self.gone = false,
         }
-        error
     }
 }
 
@@ -127,13 +126,12 @@ impl PenHandle {
                 None => foretrace.pen_feed_as(&who)?,
                 Some(patience) => foretrace.take_pen_feed(&who, patience)?,
             };
-            Ok(LastingPen { pen: Lasting::new(foretrace, feed), who, gone: false })
+            Ok(LastingPen { pen: KeptHandle::new(foretrace, feed), who, gone: false })
         };
         let idle = |pen: &mut LastingPen| {
-            let handed = pen.pen.handle.as_mut().is_some_and(|feed| feed.handed_to().is_some());
+            let handed = pen.pen.handle().is_some_and(|feed| feed.handed_to().is_some());
             if !handed {
-                // An error is no end: the next look tries again, and a send says what is wrong.
-                let _ = pen.look();
+                pen.look();
             }
         };
         let opening = PATIENCE + patience.unwrap_or_default();
@@ -146,18 +144,11 @@ impl PenHandle {
     fn send(&self, py: Python<'_>, samples: Vec<GivenSample>) -> PyResult<SendOutcome> {
         let readings = readings(samples);
         let job = move |pen: &mut LastingPen| {
-            let error = pen.look();
+            pen.look();
             let LastingPen { pen, gone, .. } = pen;
-            let Some(feed) = &mut pen.handle else {
-                let failure = error.map_or_else(
-                    || {
-                        let text =
-                            "the pen has no daemon: a new one is there, but gave no place yet; send again";
-                        LiveFailure::new(FailureKind::NoDaemon, text)
-                    },
-                    |error: ServiceError| error.into(),
-                );
-                return (0, 0, Some(failure));
+            let feed = match pen.open("the pen") {
+                Ok(feed) => feed,
+                Err(failure) => return (0, 0, Some(failure)),
             };
             send_all(&readings, |reading| match feed.send(reading) {
                 Ok(heard) => Ok(heard && !*gone),
@@ -171,7 +162,7 @@ impl PenHandle {
 
     fn handed_to(&self, py: Python<'_>) -> PyResult<Option<String>> {
         self.worker.call(py, PATIENCE, |pen| {
-            pen.pen.handle.as_mut().and_then(|feed| feed.handed_to().map(ToString::to_string))
+            pen.pen.handle().and_then(|feed| feed.handed_to().map(ToString::to_string))
         })
     }
 

@@ -5,14 +5,15 @@ use std::time::Duration;
 
 use foretrace_client::wire::{Wire, command_flags};
 use foretrace_client::{
-    Commands, Demand, Foretrace, Instance, JOINTS, JointCommand, JointState, JointStates, Lasting, demand_at,
+    Commands, Demand, Foretrace, Instance, JOINTS, JointCommand, JointState, JointStates, demand_at,
     host_boot_id,
 };
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
 use super::arm_loop::open_ports;
-use super::failure::{FailureKind, LiveFailure};
+use super::failure::LiveFailure;
+use super::kept::KeptHandle;
 use super::pen::PATIENCE;
 use super::worker::{Closing, HandleWorker};
 
@@ -22,7 +23,7 @@ const LOOK: Duration = Duration::from_millis(250);
 /// Newest command in, joint states out.
 #[pyclass(frozen, module = "foretrace._native")]
 pub struct ArmPortsHandle {
-    worker: Arc<HandleWorker<Lasting<(Commands, JointStates)>>>,
+    worker: Arc<HandleWorker<KeptHandle<(Commands, JointStates)>>>,
 }
 
 pub fn bytes_of(message: &impl Wire) -> Vec<u8> {
@@ -41,14 +42,13 @@ fn read<T: Wire>(what: &str, mut bytes: &[u8]) -> Result<T, LiveFailure> {
 
 impl ArmPortsHandle {
     pub fn open(py: Python<'_>, instance: Instance) -> PyResult<Self> {
-        let open = move || -> Result<Lasting<(Commands, JointStates)>, LiveFailure> {
+        let open = move || -> Result<KeptHandle<(Commands, JointStates)>, LiveFailure> {
             let foretrace = Foretrace::attach_within(&instance, Duration::ZERO)?;
             let ports = open_ports(&foretrace)?;
-            Ok(Lasting::new(foretrace, ports))
+            Ok(KeptHandle::new(foretrace, ports))
         };
-        let idle = |ports: &mut Lasting<(Commands, JointStates)>| {
-            // An error is no end: the next look tries again.
-            let _ = ports.look(open_ports);
+        let idle = |ports: &mut KeptHandle<(Commands, JointStates)>| {
+            ports.look(open_ports);
         };
         Ok(Self { worker: HandleWorker::start(py, "the arm's messages", LOOK, PATIENCE, open, idle)? })
     }
@@ -59,22 +59,22 @@ impl ArmPortsHandle {
     /// The newest command, and a joint state that echoes it; none before the first.
     fn latest<'py>(&self, py: Python<'py>) -> PyResult<Option<(Bound<'py, PyBytes>, Bound<'py, PyBytes>)>> {
         let newest = self.worker.call(py, PATIENCE, |ports| {
-            let (commands, _) = ports.handle.as_mut()?;
-            let command = *commands.latest()?;
-            Some((bytes_of(&command), bytes_of(&commands.echo())))
-        })?;
+            if let Some(failure) = ports.lasting_failure() {
+                return Err(failure);
+            }
+            let Some((commands, _)) = ports.handle() else { return Ok(None) };
+            let command = commands.latest().copied();
+            Ok(command.map(|command| (bytes_of(&command), bytes_of(&commands.echo()))))
+        })??;
         Ok(newest.map(|(command, echo)| (PyBytes::new(py, &command), PyBytes::new(py, &echo))))
     }
 
     /// Sends a joint state, measured at `stamp_ns`; whether a daemon was there.
     fn publish(&self, py: Python<'_>, stamp_ns: u64, state: &[u8]) -> PyResult<bool> {
         let state: JointState = read("joint state", state)?;
-        let job = move |ports: &mut Lasting<(Commands, JointStates)>| match &mut ports.handle {
-            Some((_, states)) => Ok(states.publish(stamp_ns, state)?),
-            None => Err(LiveFailure::new(
-                FailureKind::NoDaemon,
-                "no daemon hears the arm: start one, or wait for it",
-            )),
+        let job = move |ports: &mut KeptHandle<(Commands, JointStates)>| {
+            let (_, states) = ports.open("the arm")?;
+            Ok::<_, LiveFailure>(states.publish(stamp_ns, state)?)
         };
         Ok(self.worker.call(py, PATIENCE, job)??)
     }

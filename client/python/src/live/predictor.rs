@@ -1,21 +1,27 @@
 //! `PredictorHandle`: steps of the pen's grid in, previews out, for a predictor that is written in Python.
 
-use std::sync::Arc;
+use std::collections::VecDeque;
+use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use foretrace_client::{Foretrace, Instance, Lasting, PenSteps, Previews, ServiceError};
+use foretrace_client::wire::PenStep;
+use foretrace_client::{Foretrace, Instance, PenSteps, Previews, ServiceError};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
-use super::failure::{FailureKind, LiveFailure};
+use super::failure::LiveFailure;
+use super::kept::KeptHandle;
 use super::pen::PATIENCE;
 use super::ports::bytes_of;
-use super::worker::{Closing, HandleWorker, seconds};
+use super::worker::{Closing, HandleWorker, closed, locked, same_process, seconds};
 
-/// Between two looks for a new daemon.
-const LOOK: Duration = Duration::from_millis(250);
-/// Longest wait for a step in one go: Ctrl-C is seen between two.
-const WAIT: Duration = Duration::from_millis(50);
+/// Steps come every 10 ms.
+const COLLECT: Duration = Duration::from_millis(1);
+/// Between two looks for Ctrl-C.
+const LOOK: Duration = Duration::from_millis(100);
+/// Steps that wait for Python at most: 2.56 s. As the middleware keeps.
+const ROOM: usize = 256;
+const NAME: &str = "the predictor";
 
 type PredictorPorts = (PenSteps, Previews);
 
@@ -23,27 +29,76 @@ fn open_ports(foretrace: &Foretrace) -> Result<PredictorPorts, ServiceError> {
     Ok((foretrace.pen_steps()?, foretrace.previews()?))
 }
 
+/// Steps that wait for Python, and why none will come.
+#[derive(Default)]
+struct WaitingSteps {
+    steps: VecDeque<PenStep>,
+    failure: Option<LiveFailure>,
+    over: bool,
+}
+
+type SharedSteps = Arc<(Mutex<WaitingSteps>, Condvar)>;
+
+struct StepCollector {
+    ports: KeptHandle<PredictorPorts>,
+    queue: SharedSteps,
+}
+
+impl StepCollector {
+    fn collect(&mut self) {
+        let (mutex, came) = &*self.queue;
+        if let Some((steps, previews)) = self.ports.handle() {
+            let mut queue = locked(mutex);
+            steps.drain(|step| {
+                if queue.steps.len() == ROOM {
+                    queue.steps.pop_front();
+                }
+                queue.steps.push_back(*step);
+            });
+            if !queue.steps.is_empty() {
+                came.notify_all();
+            }
+            drop(queue);
+            if previews.handed_to().is_some() {
+                return;
+            }
+        }
+        self.ports.look(open_ports);
+        let failure = self.ports.lasting_failure();
+        let failed = failure.is_some();
+        locked(mutex).failure = failure;
+        if failed {
+            came.notify_all();
+        }
+    }
+}
+
+impl Drop for StepCollector {
+    fn drop(&mut self) {
+        locked(&self.queue.0).over = true;
+        self.queue.1.notify_all();
+    }
+}
+
 /// The predictor's place of an instance, from any Python thread.
 #[pyclass(frozen, module = "foretrace._native")]
 pub struct PredictorHandle {
-    worker: Arc<HandleWorker<Lasting<PredictorPorts>>>,
+    worker: Arc<HandleWorker<StepCollector>>,
+    queue: SharedSteps,
+    pid: u32,
 }
 
 impl PredictorHandle {
     pub fn open(py: Python<'_>, instance: Instance) -> PyResult<Self> {
-        let open = move || -> Result<Lasting<PredictorPorts>, LiveFailure> {
+        let queue = SharedSteps::default();
+        let shared = queue.clone();
+        let open = move || -> Result<StepCollector, LiveFailure> {
             let foretrace = Foretrace::attach_within(&instance, Duration::ZERO)?;
             let ports = open_ports(&foretrace)?;
-            Ok(Lasting::new(foretrace, ports))
+            Ok(StepCollector { ports: KeptHandle::new(foretrace, ports), queue: shared })
         };
-        let idle = |ports: &mut Lasting<PredictorPorts>| {
-            let given_away = |(_, previews): &mut PredictorPorts| previews.handed_to().is_some();
-            if !ports.handle.as_mut().is_some_and(given_away) {
-                // An error is no end: the next look tries again.
-                let _ = ports.look(open_ports);
-            }
-        };
-        Ok(Self { worker: HandleWorker::start(py, "the predictor", LOOK, PATIENCE, open, idle)? })
+        let worker = HandleWorker::start(py, NAME, COLLECT, PATIENCE, open, StepCollector::collect)?;
+        Ok(Self { worker, queue, pid: std::process::id() })
     }
 }
 
@@ -51,18 +106,27 @@ impl PredictorHandle {
 impl PredictorHandle {
     /// The next unread step; none where none comes in time.
     fn next<'py>(&self, py: Python<'py>, timeout_s: f64) -> PyResult<Option<Bound<'py, PyBytes>>> {
+        same_process(self.pid, NAME)?;
         let deadline = Instant::now() + seconds("timeout", timeout_s)?;
         loop {
-            let wait = WAIT.min(deadline.saturating_duration_since(Instant::now()));
-            let step = self.worker.call(py, PATIENCE, move |ports| match &mut ports.handle {
-                Some((steps, _)) => steps.next_within(wait).map(|step| bytes_of(&step)),
-                None => {
-                    std::thread::sleep(wait);
-                    None
+            let found = py.detach(|| {
+                let (mutex, came) = &*self.queue;
+                let wait = LOOK.min(deadline.saturating_duration_since(Instant::now()));
+                let nothing = |queue: &mut WaitingSteps| {
+                    queue.steps.is_empty() && queue.failure.is_none() && !queue.over
+                };
+                let waited = came.wait_timeout_while(locked(mutex), wait, nothing);
+                let mut queue = waited.unwrap_or_else(PoisonError::into_inner).0;
+                if queue.over {
+                    return Err(closed(NAME));
+                }
+                match (queue.steps.pop_front(), &queue.failure) {
+                    (None, Some(failure)) => Err(failure.clone()),
+                    (step, _) => Ok(step),
                 }
             })?;
-            if let Some(step) = step {
-                return Ok(Some(PyBytes::new(py, &step)));
+            if let Some(step) = found {
+                return Ok(Some(PyBytes::new(py, &bytes_of(&step))));
             }
             py.check_signals()?;
             if Instant::now() >= deadline {
@@ -79,19 +143,17 @@ impl PredictorHandle {
         positions: Vec<[f64; 2]>,
         radii: Vec<f64>,
     ) -> PyResult<bool> {
-        let job = move |ports: &mut Lasting<PredictorPorts>| match &mut ports.handle {
-            Some((_, previews)) => Ok(previews.send(base_index, &positions, &radii)?),
-            None => Err(LiveFailure::new(
-                FailureKind::NoDaemon,
-                "no daemon hears the predictor: start one, or wait for it",
-            )),
+        let job = move |collector: &mut StepCollector| {
+            let (_, previews) = collector.ports.open(NAME)?;
+            Ok::<_, LiveFailure>(previews.send(base_index, &positions, &radii)?)
         };
         Ok(self.worker.call(py, PATIENCE, job)??)
     }
 
     fn handed_to(&self, py: Python<'_>) -> PyResult<Option<String>> {
-        self.worker.call(py, PATIENCE, |ports| {
-            ports.handle.as_mut().and_then(|(_, previews)| previews.handed_to().map(ToString::to_string))
+        self.worker.call(py, PATIENCE, |collector| {
+            let (_, previews) = collector.ports.handle()?;
+            previews.handed_to().map(ToString::to_string)
         })
     }
 

@@ -1,4 +1,4 @@
-//! `SettingsHandle`: the settings in force, as the daemon sends them to whoever begins to record.
+//! `settings`: those in force, as the daemon sends them to whoever begins to record.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};

@@ -82,7 +82,7 @@ impl StatusHandle {
             }
             py.check_signals()?;
             if Instant::now() >= deadline {
-                return Err(self.silent(begin.elapsed()).into());
+                return Err(py.detach(|| self.silent(begin.elapsed())).into());
             }
         }
     }
@@ -100,6 +100,10 @@ impl StatusHandle {
                 "no daemon running for instance {number} (looked in {root}): start it with `foretrace daemon`"
             );
             return LiveFailure::new(FailureKind::NoDaemon, text);
+        }
+        // A daemon of another layout is there, but nobody of this version hears it.
+        if let Err(error) = Foretrace::attach_within(&self.instance, Duration::ZERO) {
+            return error.into();
         }
         let text = format!(
             "no status within {:.1} s, though the daemon of instance {number} runs: it hangs, or has only just \

@@ -1,5 +1,6 @@
 //! `WatchHandle`: every message of a kind, collected in a thread, taken in bulk as bytes.
 
+use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -13,12 +14,13 @@ use pyo3::types::PyBytes;
 
 use super::failure::LiveFailure;
 use super::pen::PATIENCE;
-use super::worker::{Closing, HandleWorker, locked, seconds};
+use super::worker::{Closing, HandleWorker, closed, locked, seconds};
 
 /// The middleware keeps 256 messages: at 8000 Hz they last 32 ms.
 const COLLECT: Duration = Duration::from_millis(5);
 /// What waits for Python at most \[bytes\]: eight seconds of tick records at 500 Hz.
 const ROOM: usize = 8 << 20;
+const NAME: &str = "the watch";
 
 /// Where messages come from.
 enum WatchSource {
@@ -99,12 +101,14 @@ impl WatchSource {
 /// What waits for Python.
 #[derive(Default)]
 struct Basket {
-    bytes: Vec<u8>,
+    bytes: VecDeque<u8>,
     /// Messages that found no room here.
     overflowed: u64,
     /// Lost and refused, of the source now and of those before a restart of the daemon.
     now: [u64; 2],
     before: [u64; 2],
+    /// Nothing comes any more.
+    over: bool,
 }
 
 type SharedBasket = Arc<(Mutex<Basket>, Condvar)>;
@@ -125,7 +129,7 @@ impl Collector {
             basket.now = source.missing();
             let size = self.kind.size();
             let most = ROOM - ROOM % size;
-            basket.bytes.append(&mut fresh);
+            basket.bytes.extend(fresh);
             let over = basket.bytes.len().saturating_sub(most);
             if over > 0 {
                 basket.bytes.drain(..over);
@@ -148,6 +152,13 @@ impl Collector {
     }
 }
 
+impl Drop for Collector {
+    fn drop(&mut self) {
+        locked(&self.basket.0).over = true;
+        self.basket.1.notify_all();
+    }
+}
+
 /// Every message of a kind from now on.
 #[pyclass(frozen, module = "foretrace._native")]
 pub struct WatchHandle {
@@ -166,7 +177,7 @@ impl WatchHandle {
             let source = kind.open(&foretrace)?;
             Ok(Collector { source: Lasting::new(foretrace, source), kind, basket: shared })
         };
-        let worker = HandleWorker::start(py, "the watch", COLLECT, PATIENCE, open, Collector::collect)?;
+        let worker = HandleWorker::start(py, NAME, COLLECT, PATIENCE, open, Collector::collect)?;
         Ok(Self { worker, basket, size: kind.size() })
     }
 }
@@ -178,15 +189,21 @@ impl WatchHandle {
         let deadline = Instant::now() + seconds("timeout", timeout_s)?;
         self.worker.call(py, PATIENCE, Collector::collect)?;
         loop {
-            let bytes = py.detach(|| {
+            let (bytes, over) = py.detach(|| {
                 let (mutex, filled) = &*self.basket;
                 let left = deadline.saturating_duration_since(Instant::now()).min(Duration::from_millis(100));
                 let basket = locked(mutex);
-                let waited = filled.wait_timeout_while(basket, left, |basket| basket.bytes.is_empty());
+                let nothing = |basket: &mut Basket| basket.bytes.is_empty() && !basket.over;
+                let waited = filled.wait_timeout_while(basket, left, nothing);
                 let mut basket = waited.unwrap_or_else(PoisonError::into_inner).0;
-                std::mem::take(&mut basket.bytes)
+                let (bytes, over) = (std::mem::take(&mut basket.bytes), basket.over);
+                drop(basket);
+                (Vec::from(bytes), over)
             });
             py.check_signals()?;
+            if over && bytes.is_empty() {
+                return Err(closed(NAME).into());
+            }
             if !bytes.is_empty() || Instant::now() >= deadline {
                 return Ok(PyBytes::new(py, &bytes));
             }
