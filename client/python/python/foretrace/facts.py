@@ -27,6 +27,17 @@ def plain(value: Any) -> Any:
     return value
 
 
+def number(value: Any) -> float | None:
+    """A finite number; none for what is no number, or too large for one."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        return None
+    try:
+        told = float(value)
+    except OverflowError:
+        return None
+    return told if math.isfinite(told) else None
+
+
 def _age_s(age_ns: int) -> float | None:
     return None if age_ns == _NEVER else age_ns * 1e-9
 
@@ -75,16 +86,16 @@ def trouble(told: Mapping[str, Any] | None) -> tuple[int, str]:
         return 1, note or fault
     if mode == Mode.STOPPED.label:
         return 2, note or fault
-    age = told.get("status_age_s")
-    if not isinstance(age, (int, float)) or age > STALE_S:
+    age = number(told.get("status_age_s"))
+    if age is None or not 0.0 <= age <= STALE_S:
         return 3, "the daemon is gone or stuck: no status for a second"
-    rate, measured = told.get("rate_hz"), told.get("measured_rate_hz")
-    uptime = told.get("uptime_s")
-    numbers = all(isinstance(one, (int, float)) for one in (rate, measured, uptime))
-    if numbers and uptime > 2.0 and measured < 0.95 * rate:  # type: ignore[operator]
+    rate, measured, uptime = (number(told.get(name)) for name in ("rate_hz", "measured_rate_hz", "uptime_s"))
+    if rate is None or measured is None or uptime is None or rate <= 0.0:
+        return 4, "its ticks per second are not told"
+    if uptime > 2.0 and measured < 0.95 * rate:
         return 4, f"{measured:.0f} of {rate:.0f} ticks a second"
-    arm_age = told.get("arm_age_s")
-    if mode != Mode.IDLE.label and not (isinstance(arm_age, (int, float)) and arm_age < 0.5):
+    arm_age = number(told.get("arm_age_s"))
+    if mode != Mode.IDLE.label and not (arm_age is not None and 0.0 <= arm_age < 0.5):
         return 5, "no joint states"
     if mode == Mode.IDLE.label:
         return 7, note

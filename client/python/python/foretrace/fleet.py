@@ -11,9 +11,9 @@ import json
 import sys
 from typing import Any, NamedTuple
 
-from ._native import Problem
-from .facts import RANKS, plain, trouble
-from .zenoh_link import PREFIX, endpoint, is_name, open_session, read
+from ._native import Invalid, Problem
+from .facts import RANKS, number, plain, trouble
+from .zenoh_link import PREFIX, Tls, endpoint, is_name, open_session, read, tls
 
 #: Daemons that are listed at most.
 MOST = 1000
@@ -72,17 +72,24 @@ def table(found: list[FleetRow]) -> str:
     for row in found:
         told = row.facts or {}
         tracking = told.get("tracking")
-        lag = tracking.get("recent_lag_s") if isinstance(tracking, dict) else None
-        trust = told.get("trust")
+        lag = number(tracking.get("recent_lag_s")) if isinstance(tracking, dict) else None
+        trust = number(told.get("trust"))
         lines.append(
             (
                 shown(row.host, 24), shown(row.instance, 8), RANKS[row.rank], shown(told.get("mode", "-"), 14),
-                f"{trust:.2f}" if isinstance(trust, (int, float)) else "-",
-                f"{lag * 1e3:.0f}" if isinstance(lag, (int, float)) else "-", shown(row.reason),
+                "-" if trust is None else shown(f"{trust:.2f}", 8), "-" if lag is None else shown(f"{lag * 1e3:.0f}", 8),
+                shown(row.reason),
             )
         )
     widths = [max(len(line[at]) for line in lines) for at in range(len(lines[0]))]
     return "\n".join("  ".join(cell.ljust(width) for cell, width in zip(line, widths)).rstrip() for line in lines)
+
+
+def _problem(error: Exception, where: str) -> Problem:
+    """What zenoh raises is of many kinds."""
+    if isinstance(error, Problem):
+        return error
+    return Problem(f"{where}: {type(error).__name__}: {error}: is a bridge or a router of zenoh there?")
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -91,22 +98,29 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--connect", action="append", required=True, metavar="ENDPOINT", help="of a bridge or a router; may be repeated")
     parser.add_argument("--seconds", type=float, default=1.5, metavar="S", help="how long to wait for answers, 0.1 to 60 [1.5]")
     parser.add_argument("--json", action="store_true", help="as JSON")
+    for file, what in (("root_ca", "who signed the certificates of others"), ("certificate", "of this end"), ("key", "of this end")):
+        parser.add_argument(f"--tls-{file.replace('_', '-')}", dest=file, metavar="FILE", help=f"of endpoints tls/HOST:PORT, as PEM: {what}")
     given = parser.parse_args(arguments)
     if not 0.1 <= given.seconds <= 60.0:
         parser.error(f"--seconds {given.seconds}: from 0.1 to 60")
+    try:
+        files = tls("--tls", {key: path for key in Tls._fields if (path := getattr(given, key)) is not None})
+    except Invalid as problem:
+        parser.error(str(problem))
     alive: set[tuple[str, str]] = set()
     answers: dict[tuple[str, str], Any] = {}
     failed = 0
     for one in given.connect:
         try:
-            session = open_session("client", [], [endpoint("--connect", one)], lasting=False)
+            session = open_session("client", [], [endpoint("--connect", one)], lasting=False, files=files)
             try:
                 look(session, given.seconds, alive, answers)
             finally:
                 session.close()
-        except Problem as problem:
+        except Exception as error:
+            # One endpoint that fails, in whatever way, hides none of the others.
             failed += 1
-            print(f"error: {problem}", file=sys.stderr)
+            print(f"error: {_problem(error, one)}", file=sys.stderr)
     if failed == len(given.connect):
         return 1
     found = rows(alive, answers)

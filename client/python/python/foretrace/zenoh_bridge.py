@@ -13,12 +13,17 @@ endpoints stand in FILE, as TOML:
     mode = "peer"                   # or "client"; default "peer"
     listen = ["tcp/127.0.0.1:7447"]
     connect = []
+    [zenoh.tls]                     # files for endpoints tls/HOST:PORT; with all three, others need a certificate as well
+    root_ca = "ca.pem"
+    certificate = "cell-3.pem"
+    key = "cell-3.key"
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import math
 import pathlib
 import signal
 import socket
@@ -32,7 +37,7 @@ from ._native import Invalid
 from .facts import facts, plain
 from .handles import Records
 from .messages import Mode
-from .zenoh_link import PREFIX, endpoint, name, open_session
+from .zenoh_link import PREFIX, Tls, endpoint, name, open_session, tls
 
 #: Largest file of settings [bytes].
 LARGEST = 1 << 16
@@ -50,6 +55,7 @@ class BridgeSettings(NamedTuple):
     mode: str
     listen: list[str]
     connect: list[str]
+    tls: Tls
 
 
 def settings(text: str, where: str) -> BridgeSettings:
@@ -79,7 +85,7 @@ def settings(text: str, where: str) -> BridgeSettings:
     zenoh = table.get("zenoh", {})
     if not isinstance(zenoh, dict):
         raise Invalid(f"{where}: zenoh = {zenoh!r}: a table, [zenoh]")
-    known(zenoh, {"mode", "listen", "connect"}, "zenoh.")
+    known(zenoh, {"mode", "listen", "connect", "tls"}, "zenoh.")
     mode = zenoh.get("mode", "peer")
     if mode not in ("peer", "client"):
         raise Invalid(f'{where}: zenoh.mode = {mode!r}: "peer" or "client"')
@@ -98,7 +104,7 @@ def settings(text: str, where: str) -> BridgeSettings:
     host = name(f"{where}: host", table.get("host", socket.gethostname()))
     return BridgeSettings(
         host, instances, number("status_hz", 2.0, 0.1, 10.0), number("telemetry_hz", 10.0, 0.0, 50.0), mode, ends["listen"],
-        ends["connect"],
+        ends["connect"], tls(f"{where}: zenoh.tls", zenoh.get("tls", {})),
     )
 
 
@@ -125,6 +131,9 @@ class _Instance(threading.Thread):
                     self.show(ft)
             except Problem as problem:
                 self.say(str(problem))
+            except Exception as error:
+                # Of zenoh, or a defect: the other instances go on, and so does this one.
+                self.say(f"{type(error).__name__}: {error}: trying again")
             self.over.wait(AGAIN_S)
 
     def show(self, ft: Foretrace) -> None:
@@ -158,7 +167,7 @@ class _Instance(threading.Thread):
     def decimated(self, ticks: Records) -> dict[str, Any]:
         """A few ticks of the last second, evenly."""
         records = ticks.drain_records()
-        every = max(1, round(len(records) / max(1.0, self.given.telemetry_hz)))
+        every = max(1, math.ceil(len(records) / self.given.telemetry_hz))
         kept = [
             {
                 "tick": one.tick, "stamp_ns": one.header.stamp_ns, "mode": Mode.words(one.mode), "pen_m": list(one.pen_m),
@@ -183,8 +192,10 @@ class _Instance(threading.Thread):
         try:
             # Under its own key: a question may be for many.
             query.reply(f"{self.base}/{key}", give(ft))
-        except Problem as problem:
-            query.reply_err(json.dumps({"problem": str(problem)}))
+        except Exception as error:
+            if not isinstance(error, Problem):
+                self.say(f"{key}: {type(error).__name__}: {error}")
+            query.reply_err(json.dumps({"problem": str(error)}))
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -205,7 +216,7 @@ def main(arguments: list[str] | None = None) -> int:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: over.set())
     try:
-        session = open_session(given.mode, given.listen, given.connect, lasting=True)
+        session = open_session(given.mode, given.listen, given.connect, lasting=True, files=given.tls)
     except Problem as problem:
         print(f"error: {problem}", file=sys.stderr)
         return 1
