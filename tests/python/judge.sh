@@ -3,7 +3,8 @@
 # each Python from 3.10 to 3.13 that is there, with and without numpy, `pip check`, and runs the tests beside a real
 # daemon: messages, requests, pens, arms, faults, threads, every block of the documents, examples (ur_rtde and MuJoCo where
 # they can be had). FORETRACE is the program (default: built here); FORETRACE_PYTHONS the Pythons, in words (default: found
-# by name, and those of pyenv). What is missing is skipped and named. Arguments go to the tests: judge.sh -k Arms.
+# by name, and those of pyenv). What is missing is skipped and named, and so is a test that no environment could run.
+# Arguments go to the tests: judge.sh -k Arms.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 here=$PWD/tests/python
@@ -53,6 +54,8 @@ echo "python: $(basename "$wheel"), $(($(stat -c %s "$wheel") / 1024)) kB"
 }
 
 broken=0
+: >"$scratch/ran"
+: >"$scratch/left-out"
 judge() { # NAME PYTHON PACKAGES... -- TESTS...
   local name=$1 python=$2 venv=$scratch/$1
   shift 2
@@ -71,7 +74,19 @@ judge() { # NAME PYTHON PACKAGES... -- TESTS...
   }
   echo "python: $name: $("$venv/bin/python" --version)"
   # Away from the sources: only what is installed is found.
-  (cd "$here" && "$venv/bin/python" -m unittest "$@") || broken=$((broken + 1))
+  local verdict=0
+  (cd "$here" && "$venv/bin/python" -m unittest -v "$@") >"$scratch/$name.tests" 2>&1 || verdict=$?
+  # A test that one environment leaves out may run in another: who ran in none is named at the end.
+  awk -v ran="$scratch/ran" -v left="$scratch/left-out" '
+    /^test_[a-z0-9_]+ \(/ { name = $1 }
+    /(^| )ok$/ { print name >>ran }
+    /(^| )skipped / { reason = $0; sub(/.*skipped /, "", reason); print name, reason >>left }
+  ' "$scratch/$name.tests"
+  if [[ $verdict != 0 ]]; then
+    cat "$scratch/$name.tests"
+    broken=$((broken + 1))
+  fi
+  tail -3 "$scratch/$name.tests" | sed 's/skipped=/left out here: /'
 }
 
 for python in "${pythons[@]}"; do
@@ -82,8 +97,12 @@ judge "without-numpy" "${pythons[-1]}" -- discover "$@"
 if [[ $# == 0 ]]; then
   judge zenoh "${pythons[0]}" eclipse-zenoh==1.10.2 tomli -- test_zenoh
   # Their wheels are for some Pythons only.
+  eleven=()
   for python in "${pythons[@]}"; do
-    [[ $("$python" -c 'import sys; print(sys.version_info[1])') == 11 ]] || continue
+    [[ $("$python" -c 'import sys; print(sys.version_info[1])') == 11 ]] && eleven+=("$python")
+  done
+  [[ ${#eleven[@]} -gt 0 ]] || echo "python: skipped ur-rtde and mujoco, Python 3.11 is not here"
+  for python in "${eleven[@]}"; do
     judge ur-rtde "$python" numpy ur_rtde==1.6.5 -- test_examples
     judge mujoco "$python" numpy mujoco==4.0.0 -- test_examples
   done
@@ -94,5 +113,10 @@ if [[ $# == 0 ]]; then
 fi
 # What needs no daemon: recordings, data sets, the law.
 [[ $# == 0 ]] && { FORETRACE_WHEEL=$wheel client/python/tests/run.sh "${pythons[-1]}" || broken=$((broken + 1)); }
+if [[ $# == 0 ]]; then
+  while read -r test reason; do
+    grep -qx "$test" "$scratch/ran" || echo "python: skipped $test in every environment: $reason"
+  done < <(sort -u "$scratch/left-out")
+fi
 echo "python: $broken claims broken"
 [[ $broken == 0 ]]
