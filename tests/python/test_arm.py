@@ -127,6 +127,7 @@ class Arms(World):
             for arguments, name in (
                 ({"rate_hz": 0}, "rate_hz"), ({"rate_hz": math.nan}, "rate_hz"), ({"rate_hz": 1e6}, "rate_hz"),
                 ({"rate_hz": 500, "deceleration": 0}, "deceleration"), ({"rate_hz": 500, "pause_after": 0}, "pause_after"),
+                ({"rate_hz": 20}, "pause_after = 0.05 s, two cycles at least"),
                 ({"rate_hz": 500, "deceleration": [20.0] * 5 + [0.0]}, "deceleration of joint 6"),
             ):
                 with self.refuses(foretrace.Invalid, name, "from"):
@@ -152,21 +153,28 @@ class Arms(World):
             self.children.append(child)
             self.assertTrue(child.stdout.readline(), "it reports")
             hand = Hand(ft)
-            for _ in range(12):
-                self.armed(ft)
-                following(ft)
-                time.sleep(0.4)
+
+            def follows():
+                # A busy machine may stop the loop for reasons of its own.
+                if ft.status().mode not in (Mode.ARMED, Mode.HOLDING, Mode.FOLLOWING):
+                    ft.disarm()
+                    self.armed(ft)
+                return ft.status().mode == Mode.FOLLOWING
+
+            for _ in range(8):
+                until("it follows", follows, timeout=60.0)
+                time.sleep(0.3)
                 child.send_signal(signal.SIGSTOP)
                 time.sleep(0.08)
                 child.send_signal(signal.SIGCONT)
-                time.sleep(0.3)
+                ft.wait_until(lambda status: status.mode == Mode.STOPPED, timeout=20.0)
             hand.end()
             out, error = child.communicate("\n", timeout=20)
             self.assertEqual((child.returncode, error), (0, ""))
             told = json.loads(out)
             # It moved, and whoever stood still for longer than pause_after was told to stand.
             self.assertGreater(told["moved"], 500)
-            self.assertGreaterEqual(told["pauses"], 10)
+            self.assertGreaterEqual(told["pauses"], 8)
             self.assertLessEqual(told["longest_ns"], 50_000_000)
 
     def test_when_the_daemon_dies_it_brakes_as_the_next_daemon_assumes(self):

@@ -84,12 +84,6 @@ class Predictors(World):
                     predictor.send(step, [(0.0, 0.0)])
             with self.refuses(foretrace.Invalid, "pairs of numbers"):
                 predictor.send(5, [(10**400, 0.0)])
-            try:
-                import numpy
-            except ImportError:
-                pass
-            else:
-                predictor.send(numpy.int64(5), numpy.zeros((40, 2)))
             hand = Hand(ft)
             step = until("a step", predictor.next)
             predictor.send(step.index + 1000, [(0.0, 0.0)] * 64)
@@ -100,6 +94,13 @@ class Predictors(World):
             time.sleep(0.2)
             predictor.send(step, [(0.0, 0.0)] * 64)
             until("late is counted", lambda: refused(ft, PreviewRefusal.LATE) == 1)
+            try:
+                import numpy
+            except ImportError:
+                pass
+            else:
+                predictor.send(numpy.int64(step.index), numpy.zeros((64, 2)))
+                until("late is counted again", lambda: refused(ft, PreviewRefusal.LATE) == 2)
             hand.end()
 
     def test_the_place_outlives_a_daemon_and_is_free_after_its_end(self):

@@ -6,7 +6,7 @@ import time
 import unittest
 
 import foretrace
-from foretrace.messages import ControlStatus, Mode
+from foretrace.messages import ControlStatus, Mode, TrustReason
 from world import Hand, World, following, until
 
 
@@ -58,8 +58,11 @@ class Requests(World):
             # Never older than the request before it.
             self.assertNotEqual(ft.status().mode, Mode.IDLE)
             self.assertEqual(ft.trust(0.25).mode, ft.query().mode)
-            ft.wait_until(lambda status: abs(status.trust - 0.25) < 1e-6, timeout=10)
+            hand = Hand(ft)
+            status = ft.wait_until(lambda status: abs(status.trust - 0.25) < 1e-6, timeout=20)
+            self.assertEqual(status.trust_reason, TrustReason.MANUAL)
             self.assertAlmostEqual(ft.query().trust, 0.25)
+            hand.end()
             ft.trust("freeze")
             ft.trust("auto")
             settings = ft.settings()

@@ -70,6 +70,8 @@ impl ArmHandle {
             bounded(&format!("deceleration of joint {joint}"), deceleration, 0.1, 500.0, "rad/s²")?;
         }
         bounded("pause_after", pause_after_s, 0.01, 10.0, "s")?;
+        // A target is one cycle old when the next one comes: less would be a pause without one.
+        bounded("pause_after", pause_after_s, 2.0 / rate_hz, 10.0, "s, two cycles at least")?;
         let pace = ArmPace {
             period: Duration::from_secs_f64(1.0 / rate_hz),
             deceleration,

@@ -158,7 +158,10 @@ impl Closing for Inner {
 
 impl Drop for Inner {
     fn drop(&mut self) {
-        self.close();
+        // The stop was tried by the attachment, which released the interpreter lock for it.
+        if self.pid == std::process::id() {
+            drop(locked(&self.foretrace).take());
+        }
     }
 }
 
