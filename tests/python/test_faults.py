@@ -127,6 +127,9 @@ class Faults(World):
         child.send_signal(signal.SIGSTOP)
         daemon.terminate()
         daemon.communicate(timeout=20)
+        # As after an update: the new daemon makes its services anew.
+        for service in pathlib.Path(self.folder).rglob("*.service"):
+            service.unlink()
         self.daemon()
         try:
             meanwhile()
