@@ -19,19 +19,32 @@ BRAKE = 20.0
 FASTEST = 40.0
 
 
-#: An arm in a process of its own, which is slow enough that a target often waits unread. Says how far two moving targets
-#: lay apart at most that were read one after the other.
+#: An arm in a process of its own, whose program comes before the package's loop wherever both may run, and so reads an old
+#: target after it stood still. Says how far two moving targets lay apart at most that were read one after the other.
 STOOD_STILL = f"""
-import json, sys, threading, time, foretrace
+import json, os, pathlib, sys, threading, time, foretrace
 from foretrace.messages import RobotMode, SafetyMode
 ft = foretrace.attach()
 arm = ft.arm_interface(250, simulated=True)
+cpu = min(os.sched_getaffinity(0))
+for task in pathlib.Path("/proc/self/task").iterdir():
+    try:
+        os.sched_setaffinity(int(task.name), [cpu])
+        if (task / "comm").read_text().strip() == "foretrace-arm":
+            os.setpriority(os.PRIO_PROCESS, int(task.name), 19)
+    except OSError:
+        pass  # A thread that has ended meanwhile.
 over = threading.Event()
 threading.Thread(target=lambda: (sys.stdin.readline(), over.set()), daemon=True).start()
 q, qd, last, moved, longest = {HOME}, [0.0] * 6, None, 0, 0
 print("reports", flush=True)
+newest = 0
 while not over.is_set():
-    target = arm.next_target()
+    target = arm.target()
+    if target.at_ns == newest:
+        time.sleep(0.0002)
+        continue
+    newest = target.at_ns
     if target.move:
         q, qd = target.q, target.qd
         moved += 1
@@ -40,7 +53,6 @@ while not over.is_set():
     else:
         qd, last = [0.0] * 6, None
     arm.measured(q, qd, safety_mode=SafetyMode.NORMAL, robot_mode=RobotMode.RUNNING)
-    time.sleep(0.003)
 print(json.dumps({{"moved": moved, "longest_ns": longest, "pauses": arm.counts()["pauses"]}}))
 """
 
@@ -155,11 +167,14 @@ class Arms(World):
             hand = Hand(ft)
 
             def follows():
-                # A busy machine may stop the loop for reasons of its own.
-                if ft.status().mode not in (Mode.ARMED, Mode.HOLDING, Mode.FOLLOWING):
-                    ft.disarm()
-                    self.armed(ft)
-                return ft.status().mode == Mode.FOLLOWING
+                # A busy machine may stop the loop for reasons of its own, or answer late.
+                try:
+                    if ft.status().mode not in (Mode.ARMED, Mode.HOLDING, Mode.FOLLOWING):
+                        ft.disarm()
+                        self.armed(ft)
+                    return ft.status().mode == Mode.FOLLOWING
+                except foretrace.NoAnswer:
+                    return False
 
             for _ in range(8):
                 until("it follows", follows, timeout=60.0)
