@@ -133,14 +133,16 @@ class Result:
     @property
     def rows(self) -> list[dict[str, Any]]:
         """One row per method: errors, jerk, lag."""
-        return self.json["rows"]
+        rows: list[dict[str, Any]] = self.json["rows"]
+        return rows
 
     @property
     def trials(self) -> list[dict[str, Any]]:
         """One per hand: writer, stop, scores of its sequences."""
-        return self.json["trials"]
+        trials: list[dict[str, Any]] = self.json["trials"]
+        return trials
 
-    def tick_columns(self) -> dict[str, list]:
+    def tick_columns(self) -> dict[str, list[Any]]:
         """Every tick, by column: numbers as float, words as text, empty fields as None."""
         if self.ticks_csv is None:
             raise Problem("the ticks were not kept; call closed_loop with ticks=True")
@@ -180,7 +182,7 @@ def _program(program: Union[None, str, "os.PathLike[str]"]) -> str:
     return found
 
 
-def _receive(connection: socket.socket, kind: int, form: struct.Struct) -> tuple | None:
+def _receive(connection: socket.socket, kind: int, form: struct.Struct) -> tuple[Any, ...] | None:
     """The next message, which has to be of this kind; None where the law has gone."""
     length, data = HEADER.size + form.size, b""
     while len(data) < length:
@@ -258,10 +260,10 @@ def _run(connection: socket.socket, make_arm: Callable[[Begin], Any]) -> Any:
     except (TypeError, ValueError, OverflowError):
         raise Invalid(f"the arm's rate_hz is {str(rate)[:80]}; legal: None, or a number [Hz]") from None
     try:
-        numbers = rate_hz, -1.0 if delay is None else float(delay)
+        rates = rate_hz, -1.0 if delay is None else float(delay)
     except (TypeError, ValueError, OverflowError):
         raise Invalid(f"the arm's group_delay_s is {str(delay)[:80]}; legal: None, or a number [s]") from None
-    _send(connection, _message(2, ARM_HELLO.pack(*numbers, EFFORTS[unit], 0, *_joints("q", arm.q, None))))
+    _send(connection, _message(2, ARM_HELLO.pack(*rates, EFFORTS[unit], 0, *_joints("q", arm.q, None))))
     while (found := _receive(connection, 3, COMMAND)) is not None:
         until, tick, flags, _, *numbers = found
         command = ArmCommand(until, tick, bool(flags & ENABLED), tuple(numbers[:JOINTS]), tuple(numbers[JOINTS:]))
@@ -362,7 +364,7 @@ def _text(path: str) -> str:
         return ""
 
 
-def _serve(listener: socket.socket, command: list[str], paths: dict[str, str], make_arm: Callable) -> list[Any]:
+def _serve(listener: socket.socket, command: list[str], paths: dict[str, str], make_arm: Callable[[Begin], Any]) -> list[Any]:
     """Answers until the program ends; whatever goes wrong here ends the program."""
     arms = []
     with open(paths["out"], "wb") as out, open(paths["err"], "wb") as err:
