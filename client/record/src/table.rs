@@ -4,8 +4,8 @@
 //! layout whose fields do not lie in the message, or have one name, is refused. A CSV leaves out what is not
 //! a number (names, nested messages).
 
-use std::collections::{BTreeMap, HashSet};
 use std::collections::btree_map::Entry as Slot;
+use std::collections::{BTreeMap, HashSet};
 use std::io::Write;
 
 use foretrace_shm::{PATH_POINTS, Stage};
