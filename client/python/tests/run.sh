@@ -46,7 +46,7 @@ for python in "${pythons[@]}"; do
     }
     tail -3 "$scratch/log"
     # Both ways of numpy run here; MuJoCo has its own environment in tests/python/judge.sh.
-    grep " skipped '" "$scratch/log" | grep -v "numpy is \(not \)\?installed\|mujoco is not installed" | sed 's/^/python: /' || true
+    grep '\.\.\. skipped ' "$scratch/log" | grep -v "numpy is \(not \)\?installed\|mujoco is not installed" | sed 's/^/python: /' || true
   done
 done
 exit "$failed"
