@@ -1,7 +1,7 @@
-"""Checks Cargo.lock against the advisories noted in .ci/advisories.toml, without network.
+"""Checks Cargo.lock, and that of the Python package, against the advisories noted in .ci/advisories.toml, without network.
 
-Fails on a version that an advisory affects and nobody has accepted, and on an acceptance that deny.toml does not repeat or that is no
-longer needed. Says how many packages nobody has looked up.
+Fails on a version that an advisory affects and nobody has accepted, on an acceptance that deny.toml does not repeat or that is no
+longer needed, and on a package that the two have in different versions. Says how many packages nobody has looked up.
 """
 
 import pathlib
@@ -16,11 +16,24 @@ def version(text: str) -> tuple[int, ...]:
     return tuple(int(part) for part in re.split(r"[-+]", text)[0].split("."))
 
 
-def problems(lock: dict, notes: dict, ignored: set[str]) -> list[str]:
+def different(lock: dict, other: dict) -> list[str]:
+    """Packages of `other` that `lock` has too, but not in that version: the Python package is the same law only without any."""
+    known: dict[str, set[str]] = {}
+    for entry in lock["package"]:
+        known.setdefault(entry["name"], set()).add(entry["version"])
+    return [
+        f"{entry['name']} {entry['version']} of the Python package is {', '.join(sorted(known[entry['name']]))} in Cargo.lock: "
+        "take that version (cargo update --precise)"
+        for entry in other["package"]
+        if entry["name"] in known and entry["version"] not in known[entry["name"]]
+    ]
+
+
+def problems(locked: list[dict], notes: dict, ignored: set[str]) -> list[str]:
     found = []
     for name, advisory in notes["advisories"].items():
         package, safe_from = advisory["package"], advisory["safe_from"]
-        versions = [entry["version"] for entry in lock["package"] if entry["name"] == package]
+        versions = sorted({entry["version"] for entry in locked if entry["name"] == package})
         affected = [text for text in versions if version(text) < version(safe_from)]
         accepted = "accepted" in advisory
         if affected and not accepted:
@@ -34,14 +47,15 @@ def problems(lock: dict, notes: dict, ignored: set[str]) -> list[str]:
 
 def main() -> int:
     read = lambda path: tomllib.loads((ROOT / path).read_text(encoding="utf-8"))
-    lock, notes = read("Cargo.lock"), read(".ci/advisories.toml")
+    lock, other, notes = read("Cargo.lock"), read("client/python/Cargo.lock"), read(".ci/advisories.toml")
+    locked = lock["package"] + other["package"]
     ignored = {entry["id"] for entry in read("deny.toml")["advisories"].get("ignore", [])}
-    found = problems(lock, notes, ignored)
+    found = problems(locked, notes, ignored) + different(lock, other)
     for problem in found:
         print(f"advisory: {problem}", file=sys.stderr)
     known = set(notes["nothing_known"].split()) | {advisory["package"] for advisory in notes["advisories"].values()}
     # The middleware is one repository under many names; Windows is no target.
-    others = {entry["name"] for entry in lock["package"] if "source" in entry and not entry["name"].startswith(("iceoryx2-", "windows"))}
+    others = {entry["name"] for entry in locked if "source" in entry and not entry["name"].startswith(("iceoryx2-", "windows"))}
     print(f"advisories: {len(notes['advisories'])} noted on {notes['looked_up_on']}, {len(found)} problems; {len(others - known)} of {len(others)} packages not looked up")
     return 1 if found else 0
 

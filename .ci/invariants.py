@@ -39,6 +39,7 @@ ROOMS = {
     ],
     "client/calibrate/src": ["motion", "same_tool", "listener", "lag_report", "picture", "lag", "plane"],
     "client/gateway/src": ["holder", "socket", "tally", "serve"],
+    "client/python/src": ["problem", "live", "files", "law"],
     "client/serve/src": ["peers", "metered", "http", "guard", "websocket", "frames", "admission"],
     "client/console/src": [
         "certificate", "wire", "keys", "page", "message", "board", "scene", "frame", "hold", "orders", "stops", "hand",

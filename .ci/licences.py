@@ -1,4 +1,5 @@
-"""Checks licence and source of every dependency, and its single version where deny.toml wants one, without network.
+"""Checks licence and source of every dependency, and its single version where deny.toml wants one, without network: of the
+workspace, and of the Python package, which is a workspace of its own.
 
 A licence expression passes if one of its alternatives does. Advisories need a database: see .ci/run.
 """
@@ -11,13 +12,18 @@ import sys
 import tomllib
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
+WORKSPACES = ("", "client/python")
 
 
 def main() -> int:
     rules = tomllib.loads((ROOT / "deny.toml").read_text(encoding="utf-8"))
+    return 1 if sum(problems(folder, rules) for folder in WORKSPACES) else 0
+
+
+def problems(folder: str, rules: dict) -> int:
     allowed = set(rules["licenses"]["allow"])
     command = ["cargo", "metadata", "--locked", "--format-version", "1"]
-    packages = json.loads(subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout)["packages"]
+    packages = json.loads(subprocess.run(command, cwd=ROOT / folder, capture_output=True, text=True, check=True).stdout)["packages"]
     bad = 0
     for package in packages:
         name = f"{package['name']} {package['version']}"
@@ -34,8 +40,8 @@ def main() -> int:
         if len(versions) != 1:
             print(f"versions: {single} {versions}, deny.toml wants exactly one", file=sys.stderr)
             bad += 1
-    print(f"licences: {len(packages)} packages, {bad} problems")
-    return 1 if bad else 0
+    print(f"licences: {folder or 'the workspace'}: {len(packages)} packages, {bad} problems")
+    return bad
 
 
 if __name__ == "__main__":

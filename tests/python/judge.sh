@@ -105,6 +105,10 @@ if [[ $# == 0 ]]; then
   for python in "${eleven[@]}"; do
     judge ur-rtde "$python" numpy ur_rtde==1.6.5 -- test_examples
     judge mujoco "$python" numpy mujoco==4.0.0 -- test_examples
+    # An arm in lock-step needs no daemon; its test skips where MuJoCo could not be had, which was said above.
+    if [[ -x $scratch/mujoco/bin/python ]]; then
+      (cd client/python/tests && "$scratch/mujoco/bin/python" -m unittest test_lab.Physics) || broken=$((broken + 1))
+    fi
   done
   judge types "${pythons[-1]}" mypy numpy tomli -- test_messages
   if [[ -x $scratch/types/bin/mypy ]]; then
@@ -112,7 +116,7 @@ if [[ $# == 0 ]]; then
   fi
 fi
 # What needs no daemon: recordings, data sets, the law.
-[[ $# == 0 ]] && { FORETRACE_WHEEL=$wheel client/python/tests/run.sh "${pythons[-1]}" || broken=$((broken + 1)); }
+[[ $# == 0 ]] && { FORETRACE_WHEEL=$wheel client/python/tests/run.sh "${pythons[@]}" || broken=$((broken + 1)); }
 if [[ $# == 0 ]]; then
   while read -r test reason; do
     grep -qx "$test" "$scratch/ran" || echo "python: skipped $test in every environment: $reason"

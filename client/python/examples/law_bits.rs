@@ -10,14 +10,16 @@ use std::str::{FromStr, SplitWhitespace};
 
 use foretrace_config::{Config, Draft};
 use foretrace_control::arm::{Chain, JointLimits, JointMotion};
+use foretrace_control::contact::{EffortReading, EffortUnit};
 use foretrace_control::follower::{
     Budget, EnableReading, Follower, JointReading, NoClock, Request, StepInput, StepOutput,
 };
 use foretrace_control::guard::{Commanded, Guard, StopProfile, consumer_state};
 use foretrace_control::ik::{ToolTarget, solve_pose};
 use foretrace_control::learn::Learner;
-use foretrace_control::pen::PenReading;
-use foretrace_control::predict::{OnlineWeights, PredictorKind};
+use foretrace_control::pen::{PenOrigin, PenReading};
+use foretrace_control::predict::{ExternalPreview, OnlineWeights, PredictorKind};
+use foretrace_control::stop::{StopDetail, StopReason};
 use foretrace_control::units::Stamp;
 use nalgebra::Vector3;
 
@@ -76,12 +78,12 @@ impl Said {
 }
 
 trait JudgedLaw {
-    fn tick(&mut self, input: &StepInput<'_, 6>) -> StepOutput<6>;
+    fn tick(&mut self, input: &StepInput<'_, 6>, budget: Budget) -> StepOutput<6>;
 }
 
 impl<const N: usize> JudgedLaw for Follower<N, 6> {
-    fn tick(&mut self, input: &StepInput<'_, 6>) -> StepOutput<6> {
-        self.step(input, Budget::default(), &mut NoClock)
+    fn tick(&mut self, input: &StepInput<'_, 6>, budget: Budget) -> StepOutput<6> {
+        self.step(input, budget, &mut NoClock)
     }
 }
 
@@ -130,35 +132,73 @@ fn request(words: &mut Words<'_>) -> Answer<Option<Request>> {
     })
 }
 
+fn effort(words: &mut Words<'_>, stamp: Stamp) -> Answer<Option<EffortReading<6>>> {
+    let unit = match words.text()?.as_str() {
+        "none" => return Ok(None),
+        "Nm" => EffortUnit::NewtonMetres,
+        "A" => EffortUnit::Amperes,
+        "share" => EffortUnit::Share,
+        other => return Err(other.into()),
+    };
+    Ok(Some(EffortReading { stamp, effort: words.numbers()?, unit }))
+}
+
+fn preview(words: &mut Words<'_>) -> Answer<Option<ExternalPreview>> {
+    if !words.flag()? {
+        return Ok(None);
+    }
+    let base_index = words.whole()?;
+    let (count, radii_count) = (words.whole()?, words.whole()?);
+    let mut preview = ExternalPreview { base_index, count, radii_count, ..ExternalPreview::EMPTY };
+    for position in preview.positions.iter_mut().take(count) {
+        *position = words.numbers()?;
+    }
+    for radius in preview.radii.iter_mut().take(radii_count) {
+        *radius = words.number()?;
+    }
+    Ok(Some(preview))
+}
+
 fn step(words: &mut Words<'_>, of: &mut JudgedLoop) -> Answer<Said> {
     let now = Stamp(words.whole()?);
     let mut pen = Vec::new();
     for _ in 0..words.whole::<usize>()? {
-        pen.push(PenReading::new(Stamp(words.whole()?), words.numbers()?, words.flag()?));
+        let reading = PenReading::new(Stamp(words.whole()?), words.numbers()?, words.flag()?);
+        let origin = PenOrigin { sequence: words.whole()?, ..PenOrigin::default() };
+        pen.push(PenReading { origin, ..reading });
     }
-    let joints = match words.flag()? {
-        true => Some(JointReading {
+    let (mut joints, mut efforts) = (None, None);
+    if words.flag()? {
+        let reading = JointReading {
             stamp: Stamp(words.whole()?),
             q: words.numbers()?,
             qd: words.numbers()?,
             motion_allowed: words.flag()?,
-        }),
-        false => None,
-    };
+        };
+        (joints, efforts) = (Some(reading), effort(words, reading.stamp)?);
+    }
     let enable = match words.flag()? {
         true => Some(EnableReading { stamp: Stamp(words.whole()?), stop: words.flag()? }),
         false => None,
     };
+    let request = request(words)?;
+    let (halt, unsent) = (words.flag()?, words.flag()?);
+    let budget = Budget { max_iterations: words.whole()?, shed: words.flag()? };
+    let preview = preview(words)?;
     let weights = of.fresh.take();
     let given = StepInput {
         pen: &pen,
         joints: joints.as_ref(),
+        effort: efforts.as_ref(),
         enable,
-        request: request(words)?,
+        request,
+        halt: halt.then(|| (StopReason::Requested, StopDetail::default())),
         weights: weights.as_ref(),
+        preview: preview.as_ref(),
+        unsent,
         ..StepInput::nothing(now)
     };
-    let output = of.law.tick(&given);
+    let output = of.law.tick(&given, budget);
     if let Some(learner) = &mut of.learner {
         for step in output.learn.iter().take(output.learn_count) {
             if learner.learn(step).hand_over {
@@ -193,6 +233,17 @@ fn decided(output: &StepOutput<6>) -> Said {
     said.bits(output.path.points().iter().flatten().map(|number| f64::from(*number)));
     said.bits([output.ik.kkt_residual, output.ik.damping, output.ik.singularity]);
     said.bits(output.axes.map(|axis| axis.kkt_residual)).word(output.learn_count);
+    said.word(output.pen_origin.sequence).word(output.preview_steps);
+    for step in output.learn.iter().take(output.learn_count) {
+        let [dx, dy] = step.pen.x;
+        said.word(step.index).word(u8::from(step.pen.touch.contact)).bits(step.position);
+        said.bits([dx * step.scale_m, dy * step.scale_m, step.scale_m, step.limit * step.scale_m]);
+    }
+    if let Some(external) = &output.external {
+        said.bits([external.weight, external.evidence]).word(external.steps).word(external.hits);
+        said.word(external.age.map_or(-1, i64::from));
+        said.word(external.verdict.map_or(-1, |verdict| verdict.map_or_else(|why| why as i64 + 1, |()| 0)));
+    }
     said
 }
 

@@ -7,6 +7,7 @@ FORETRACE_LAW_BITS (the example `law_bits`), FORETRACE_DATA (a folder of data se
 import functools
 import os
 import shutil
+import struct
 import subprocess
 import tempfile
 import unittest
@@ -59,6 +60,19 @@ def recording():
 def kept():
     """Recordings of other versions of the messages."""
     return sorted(os.path.join(KEPT, name) for name in os.listdir(KEPT))
+
+
+def mcap(channels):
+    """The bytes of a recording: per channel topic, encoding, schema (name, encoding, text) and messages (time, data)."""
+    text = lambda words: struct.pack("<I", len(words.encode())) + words.encode()
+    record = lambda kind, body: struct.pack("<BQ", kind, len(body)) + body
+    magic = b"\x89MCAP0\r\n"
+    parts = [magic, record(1, text("") + text("test"))]
+    for number, (topic, encoding, (name, kind, table), messages) in enumerate(channels, 1):
+        parts.append(record(3, struct.pack("<H", number) + text(name) + text(kind) + struct.pack("<I", len(table)) + table))
+        parts.append(record(4, struct.pack("<HH", number, number) + text(topic) + text(encoding) + bytes(4)))
+        parts += [record(5, struct.pack("<HIQQ", number, at, time, time) + data) for at, (time, data) in enumerate(messages)]
+    return b"".join([*parts, record(15, bytes(4)), record(2, bytes(20)), magic])
 
 
 def data(name):

@@ -5,6 +5,7 @@ import math
 import os
 import unittest
 import warnings
+from unittest import mock
 
 import foretrace
 from foretrace import datasets
@@ -224,11 +225,11 @@ class Converters(Scratch):
         self.write("svc/U1S1.TXT", task2)
         self.write("svc/U12S21.TXT", task1)
         self.write("svc/U2S1.TXT", task1.replace("12\n", "13\n", 1))
-        self.write("svc/U3S1.TXT", task1.replace(" 1\n", " 2\n", 1))
+        self.write("svc/U3S1.TXT", "\n" + task1.replace(" 1\n", " 2\n", 1))
         done = datasets.convert_svc2004(self.path("svc"), self.path("out"))
         self.assertEqual((done.files, len(done.left_out)), (2, 2))
         self.assertRegex("\n".join(done.left_out), r"12 points where its first line says 13")
-        self.assertRegex("\n".join(done.left_out), r"U3S1.TXT:2: button is '2'")
+        self.assertRegex("\n".join(done.left_out), r"U3S1.TXT:3: button is '2'")
         genuine, forgery = (datasets.load(done.folder, part, strict=True, quiet=True)[0] for part in ("genuine", "forgery"))
         self.assertEqual((genuine.writer, forgery.writer), ("u1", ""))
         samples, unit = rows(genuine.samples), genuine.metres_per_unit[0]
@@ -268,15 +269,124 @@ class Converters(Scratch):
         with self.assertRaisesRegex(foretrace.Invalid, "limit is 0"):
             datasets.convert_quickdraw(path, self.path("other"), limit=0)
 
+    def signature(self):
+        return "3\n" + "".join(f"{10 + k} {20 + k * k} {10 * k} 1\n" for k in range(3))
+
+    def test_files_of_one_name_keep_their_folders_or_are_named(self):
+        for name in ("Task1/U1S1.TXT", "Task2/U1S1.TXT", "Task2/u1s1.txt", "Task2/sub/U1S1.TXT"):
+            self.write(f"svc/{name}", self.signature())
+        done = datasets.convert_svc2004(self.path("svc"), self.path("out"))
+        names = [file.name for file in datasets.load(done.folder, quiet=True).files]
+        self.assertEqual(sorted(names), ["Task1/u1s1.inkml", "Task2/sub/u1s1.inkml", "Task2/u1s1.inkml"])
+        [left] = done.left_out
+        self.assertRegex(left, r"Task2/u1s1.txt: its file would be Task2/u1s1.inkml, which .*Task2/U1S1.TXT has already")
+        with self.assertRaisesRegex(foretrace.Problem, "has already"):
+            datasets.convert_svc2004(self.path("svc"), self.path("strict"), strict=True)
+        for name in ("a+b", "a b"):
+            self.write(f"iam/{name}.xml", iam_line(STROKES))
+        done = datasets.convert_iam_ondb(self.path("iam"), self.path("iam-out"))
+        self.assertEqual((done.files, len(done.left_out)), (1, 1))
+        self.assertRegex(done.left_out[0], "form a.b: its file would be a_b.inkml, which form a.b has already")
+
+    def test_iam_ondb_forms_and_lines_are_told_apart_form_by_form(self):
+        bare = FORM.replace('<General><Form id="a01-001z" writerID="10028"/></General>', "")
+        self.write("iam/original/a01/a01-001/strokesz.xml", bare)
+        self.write("iam/original/a01/a01-002/strokesz.xml", bare)
+        self.write("iam/original/a02/a02-000/strokes.xml", bare)
+        for line in ("01", "02", "10"):
+            self.write(f"iam/lineStrokes/a01/a01-001/a01-001z-{line}.xml", iam_line(STROKES))
+        self.write("iam/other/a01-001z-02.xml", iam_line(STROKES))
+        done = datasets.convert_iam_ondb(self.path("iam"), self.path("out"))
+        found = datasets.load(done.folder, quiet=True)
+        names = ["a01-001z.inkml"] * 3 + ["a01-002z.inkml", "a02-000.inkml"]
+        self.assertEqual([sequence.file for sequence in found], names)
+        self.assertEqual([len(sequence.strokes) for sequence in found], [2, 2, 2, 1, 1])
+        self.assertEqual(len(done.left_out), 1)
+        self.assertRegex(done.left_out[0], r"line 2 of form a01-001z was read from .*lineStrokes.* already")
+
+    def test_numbers_that_the_lab_refuses_are_refused_here(self):
+        drawing = lambda x: f'{{"word": "w", "key_id": "k", "drawing": [[[{x}, 2], [1, 2], [0, 10]]]}}'
+        numbers = ["1" + "0" * 400, '"1_0"', '"\uff11"', "5e9", '"0x10"', "NaN", "true", "null", '"1e400"', "[1]"]
+        path = self.write("q.ndjson", "\n".join([*map(drawing, numbers), drawing("1" + "0" * 6000), drawing("1.5e3")]))
+        done = datasets.convert_quickdraw(path, self.path("out"))
+        self.assertEqual((done.sequences, len(done.left_out)), (1, len(numbers) + 1), done.left_out)
+        self.assertRegex(done.left_out[3], r"q.ndjson:4: stroke 0: x is '5000000000.0'; legal: numbers from -1e\+09 to 1e\+09")
+        self.assertEqual(len(datasets.load(done.folder, strict=True, quiet=True)), 1)
+        for at, cell in enumerate(("1_0", "\uff11", "5e9", "nan", "1e999")):
+            self.write(f"svc/U{at + 1}S1.TXT", self.signature().replace("10 20 0", f"{cell} 20 0"))
+        self.write("svc/U9S1.TXT", self.signature())
+        self.write("svc/U10S1.TXT", "9" * 5000 + "\n")
+        done = datasets.convert_svc2004(self.path("svc"), self.path("svc-out"))
+        self.assertEqual((done.files, len(done.left_out)), (1, 6), done.left_out)
+
+    def test_names_of_hands_are_one_cell_of_the_table(self):
+        keys = [r"a\tb\nc", r"\ud800d", None, 12, "x" * 101, ["l"]]
+        lines = [
+            '{"word": null, "key_id": %s, "drawing": [[[1, 2], [1, 2], [0, 10]]]}'
+            % (f'"{key}"' if isinstance(key, str) else json.dumps(key))
+            for key in keys
+        ]
+        for at, line in enumerate(lines):
+            self.write(f"q/{at}.ndjson", line)
+        done = datasets.convert_quickdraw(self.path("q"), self.path("out"))
+        with open(os.path.join(done.folder, "split.tsv"), encoding="utf-8") as file:
+            rows_of = [line.rstrip("\n").split("\t") for line in file][1:]
+        self.assertEqual([row[2] for row in rows_of], ["a b c", "d", "", "12"])
+        found = datasets.load(done.folder, strict=True, quiet=True)
+        self.assertEqual([(s.label, s.writer) for s in found][:2], [("", "a b c"), ("", "d")])
+        self.assertRegex("\n".join(done.left_out), r"key_id has 101 characters; legal: at most 100\n.*key_id is \"\['l'\]\"; legal: a text")
+
+    def test_a_target_that_cannot_be_finished_leaves_nothing(self):
+        path = self.write("q.ndjson", self.drawing(0))
+        with mock.patch("os.rename", side_effect=OSError(28, "No space left on device")):
+            with self.assertRaisesRegex(foretrace.Problem, "cannot write .*No space left"):
+                datasets.convert_quickdraw(path, self.path("out"))
+        for target in (self.path("x" * 300), self.path("a") + "\0b", os.path.join(path, "below")):
+            with self.assertRaisesRegex(foretrace.Problem, "cannot write"):
+                datasets.convert_quickdraw(path, target)
+        self.assertEqual(os.listdir(self.folder), ["q.ndjson"])
+
+    def test_what_is_no_regular_file_is_left_out_and_never_waited_for(self):
+        for name in ("iam/ascii/p.txt", "iam/p.xml", "svc/U1S1.TXT", "q/p.ndjson"):
+            os.mkfifo(self.path(*name.split("/")))
+            os.symlink("nowhere", self.path(*name.replace("p.", "gone.").replace("U1", "U2").split("/")))
+        self.write("iam/ascii/large.txt", "CSR:\n" + "x" * (1 << 20))
+        self.write("iam/d-01.xml", iam_line(STROKES))
+        self.write("svc/U3S1.TXT", self.signature())
+        self.write("q/good.ndjson", self.drawing(0))
+        done = datasets.convert_iam_ondb(self.path("iam"), self.path("iam-out"))
+        self.assertEqual((done.sequences, len(done.left_out)), (1, 5), done.left_out)
+        told = "\n".join(done.left_out)
+        for why in ("p.txt: not a regular file", "gone.xml: No such file", "large.txt: it has more than 1048576 bytes"):
+            self.assertIn(why, told)
+        for convert, source in ((datasets.convert_svc2004, "svc"), (datasets.convert_quickdraw, "q")):
+            done = convert(self.path(source), self.path(f"{source}-out"))
+            self.assertEqual((done.sequences, len(done.left_out)), (1, 2), done.left_out)
+        for name in ("iam/p.xml", "iam/gone.xml", "iam"):
+            with self.assertRaisesRegex(foretrace.Problem, name):
+                datasets.convert_iam_ondb(self.path("iam"), self.path("never"), parts={"a": self.path(*name.split("/"))})
+
+    def test_a_line_of_the_longest_length_takes_no_other_with_it(self):
+        lines = [self.drawing(n) for n in range(3)]
+        most = len(lines[0].encode()) + 20
+        for spare, left in ((0, 0), (1, 1), (most, 1), (3 * most, 1)):
+            first = lines[0] + " " * (20 + spare)
+            path = self.write("q.ndjson", "\n".join([first, *lines[1:]]))
+            with mock.patch("foretrace._convert.LONGEST_LINE", most):
+                done = datasets.convert_quickdraw(path, self.path(f"out{spare}"))
+            self.assertEqual((done.sequences, len(done.left_out)), (3 - left, left), (spare, done.left_out))
+
     def test_hostile_files_are_left_out_with_their_reason(self):
         bomb = '<?xml version="1.0"?><!DOCTYPE a [<!ENTITY b "cc"><!ENTITY d "&b;&b;">]><WhiteboardCaptureSession>&d;</WhiteboardCaptureSession>'
         self.write("iam/a.xml", bomb)
+        self.write("iam/a16.xml", bomb.encode("utf-16"))
+        self.write("iam/a16be.xml", bomb.encode("utf-16-be"))
         self.write("iam/b.xml", iam_line(STROKES).replace('x="1000"', 'x="1e999"'))
         self.write("iam/c.xml", iam_line(STROKES)[:300])
         self.write("iam/d-01.xml", iam_line(STROKES))
         done = datasets.convert_iam_ondb(self.path("iam"), self.path("out"))
-        self.assertEqual((done.sequences, len(done.left_out)), (1, 3))
-        for reason, why in zip(done.left_out, ("defines entities", "x is '1e999'", "not XML")):
+        self.assertEqual((done.sequences, len(done.left_out)), (1, 5))
+        for reason, why in zip(done.left_out, (*["defines entities"] * 3, "x is '1e999'", "not XML")):
             self.assertIn(why, reason)
         for source, why in [(self.path("nowhere"), "no such file"), (os.path.dirname(self.write("e/f", "")), "no file that ends in .txt")]:
             with self.assertRaisesRegex(foretrace.Problem, why):

@@ -1,16 +1,18 @@
 """An arm in Python behind the law, in lock-step."""
 
-import csv
-import json
+import importlib.util
 import math
 import os
+import socket
 import subprocess
+import sys
 import unittest
 from functools import partial
+from unittest import mock
 
 import foretrace
 from foretrace import Invalid, Problem, lab
-from support import Scratch, needs_numpy, numpy, program, run
+from support import ROOT, Scratch, needs_numpy, numpy, program
 
 BEGIN = lab.Begin(0.002, 0, (0.5,) * 6)
 
@@ -148,17 +150,34 @@ class ClosedLoop(Scratch):
         class Unit(Logging):
             effort_unit = "lbf"
 
+        class Huge(Logging):
+            def step(self, command):
+                return [10**400] * 6, [0.0] * 6
+
+        class Rate(Logging):
+            rate_hz = "fast"
+
+        class Delay(Logging):
+            group_delay_s = 10**400
+
+        class Wordy(Logging):
+            def step(self, command):
+                return lab.Answer(self.q, [0.0] * 6, stamp_ns="now")
+
         for arm, error, why in [
             (Failing, RuntimeError, "the simulator fell over"), (Nan, Invalid, "q at tick 9 is .*nan"),
             (Short, Invalid, "q at tick 0 is .*6 finite numbers"), (Back, Invalid, "stamp_ns at tick 0"),
             (Wordless, Invalid, "gave None; legal: Answer"), (Far, Problem, "1000"), (Unit, Invalid, "effort_unit is 'lbf'"),
+            (Huge, Invalid, "q at tick 0 is"), (Rate, Invalid, "rate_hz is fast"), (Delay, Invalid, "group_delay_s is 1000"),
+            (Wordy, Invalid, "stamp_ns at tick 0 is now"),
         ]:
             with self.assertRaisesRegex(error, why):
                 self.run_with(arm)
         for options, error, why in [
             ({"text": None}, Invalid, "either text"), ({"data": self.folder}, Invalid, "either text"),
             ({"predictor": "nobody"}, Problem, "nobody"), ({"changes": {"loop.rate_hz": 77}}, Problem, "rate_hz"),
-            ({"settings": "ur6"}, Problem, "ur6"), ({"text": None, "data": self.path("none")}, Problem, "none"),
+            ({"settings": "ur6"}, Problem, "ur6"), ({"settings": 7}, Invalid, "settings are a int"),
+            ({"settings": {"loop.rate_hz": 500}}, Invalid, "need a preset"), ({"settings": {"preset": 5}}, Invalid, "preset is 5"), ({"text": None, "data": self.path("none")}, Problem, "none"),
         ]:
             with self.assertRaisesRegex(error, why):
                 self.run_with(Logging, **options)
@@ -169,40 +188,40 @@ class ClosedLoop(Scratch):
         ours = subprocess.run(["ps", "--ppid", str(os.getpid()), "-o", "args="], capture_output=True, text=True).stdout
         self.assertNotIn("closed-loop", ours)
 
-    def test_mujoco_can_be_the_arm(self):
-        try:
-            import mujoco
-        except ImportError:
-            self.skipTest("mujoco is not installed")
+    def test_a_law_that_has_gone_ends_a_run_without_an_exception_of_the_socket(self):
+        law, own = socket.socketpair()
+        hello = lab.LAW_HELLO.pack(2_000_000, 0, *[0.5] * 6)
+        law.sendall(lab._message(1, hello))
+        law.close()
+        with own:
+            self.assertEqual(lab._run(own, Logging).log, [])
 
-        class Simulated:
-            """Six hinges in a row with position servos, in MuJoCo."""
+    def test_a_folder_for_sockets_that_is_too_deep_says_what_to_do(self):
+        deep = self.path("d" * 120, "x")
+        with mock.patch("tempfile.tempdir", os.path.dirname(deep)), self.assertRaisesRegex(Problem, "set TMPDIR"):
+            self.run_with(Logging)
 
-            def __init__(self, begin):
-                bodies = "".join(
-                    f'<body pos="0 0 0.15"><joint name="j{n}" axis="{axis}" damping="2" armature="0.5"/>'
-                    '<geom type="capsule" fromto="0 0 0 0 0 0.15" size="0.03" mass="0.3"/>'
-                    for n, axis in enumerate(["0 0 1", "0 1 0", "0 1 0", "0 1 0", "0 0 1", "0 1 0"])
-                )
-                servos = "".join(f'<position joint="j{n}" kp="2000" kv="70"/>' for n in range(6))
-                self.model = mujoco.MjModel.from_xml_string(
-                    f'<mujoco><option timestep="{begin.period_s}" gravity="0 0 0" integrator="implicitfast"/>'
-                    '<compiler angle="radian"/><default><geom contype="0" conaffinity="0"/></default>'
-                    f"<worldbody>{bodies}{'</body>' * 6}</worldbody><actuator>{servos}</actuator></mujoco>"
-                )
-                self.data = mujoco.MjData(self.model)
-                self.data.qpos[:] = self.data.ctrl[:] = begin.home
-                self.q = list(begin.home)
+    def test_a_program_without_a_result_is_a_problem(self):
+        program = self.write("nothing.sh", "#!/bin/sh\nexit 0\n")
+        os.chmod(program, 0o755)
+        with self.assertRaisesRegex(Problem, "wrote no result"):
+            lab.closed_loop(Logging, text="a", program=program)
 
-            def step(self, command):
-                if command.enabled:
-                    self.data.ctrl[:] = command.q
-                mujoco.mj_step(self.model, self.data)
-                return self.data.qpos.tolist(), self.data.qvel.tolist()
 
-        found = self.run_with(Simulated)
-        self.assertIsNone(found.trials[0]["stop"])
-        self.assertLess(found.rows[0]["mse_m2"], 1e-4)
+class Physics(unittest.TestCase):
+    @unittest.skipUnless(importlib.util.find_spec("mujoco"), "mujoco is not installed")
+    def test_mujoco_is_the_arm_as_in_the_example(self):
+        example = os.path.join(ROOT, "client", "python", "examples", "mujoco_lockstep.py")
+        path = os.pathsep.join([os.path.dirname(program()), os.environ.get("PATH", "")])
+        done = subprocess.run(
+            [sys.executable, "-W", "error", example, os.path.join(ROOT, "config", "robots", "ur5.urdf")],
+            env={**os.environ, "PATH": path}, capture_output=True, text=True, timeout=300,
+        )
+        self.assertEqual(done.returncode, 0, done.stderr)
+        told = dict(line.split(": ") for line in done.stdout.splitlines())
+        self.assertEqual(told.pop("stopped"), "None")
+        [error] = told.values()
+        self.assertLess(float(error.split()[1]), 10.0)
 
 
 if __name__ == "__main__":

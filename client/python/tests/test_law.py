@@ -17,6 +17,7 @@ WORDS = {
     "fresh plan": "freshplan", "previous plan": "previousplan", "moving home": "homing", None: "none",
     "dead-man": "enablelost", "joint states stale": "jointstatelost",
 }
+VERDICTS = ["taken", "malformed", "non-finite", "ahead", "late", "repeated", "other stroke", "wild"]
 REASONS = ["not finite", "position", "velocity", "acceleration", "jerk", "stamp", "gap"]
 
 
@@ -58,7 +59,17 @@ def decided(step):
     said += bits(number for axis in step.setpoint for number in axis)
     said += bits(number for point in step.preview_m for number in point)
     said += bits([step.ik["kkt_residual"], step.ik["damping_m2"], step.ik["singularity_m"]])
-    return said + bits(axis["kkt_residual"] for axis in step.axes) + [str(step.grid_steps)]
+    said += bits(axis["kkt_residual"] for axis in step.axes) + [str(step.grid_steps)]
+    said += [str(step.pen_sequence), str(step.preview_steps)]
+    for closed in step.pen_steps:
+        said += [str(closed.index), str(closed.contact)] + bits([closed.x_m, closed.y_m])
+        said += bits([closed.dx_m, closed.dy_m, closed.scale_m, closed.longest_m])
+    if step.external is not None:
+        told = step.external
+        said += bits([told["weight"], told["evidence"]]) + [str(told["steps"]), str(told["hits"])]
+        said += [str(-1 if told["age"] is None else told["age"])]
+        said += [str(-1 if told["verdict"] is None else VERDICTS.index(told["verdict"]))]
+    return said
 
 
 class Session:
@@ -70,13 +81,14 @@ class Session:
         self.orders = [["follower", int(learn), "ur5", len(pairs), *pairs]]
         self.steps = []
 
-    def step(self, now, pen, joints, enable, request):
+    def step(self, now, pen, joints, enable, request, preview=None, **rest):
         order = ["step", now, len(pen)]
-        for stamp, x, y, contact in pen:
-            order += [stamp, *bits([x, y]), int(contact)]
+        for stamp, x, y, contact, sequence in pen:
+            order += [stamp, *bits([x, y]), int(contact), sequence]
         order.append(int(joints is not None))
         if joints is not None:
             order += [joints.stamp_ns, *bits(joints.q), *bits(joints.qd), int(joints.motion_allowed)]
+            order += ["none"] if joints.effort is None else [joints.effort_unit, *bits(joints.effort)]
         order.append(int(enable is not None))
         order += [] if enable is None else [enable[0], int(enable[1])]
         if isinstance(request, tuple):
@@ -84,8 +96,13 @@ class Session:
             order += ["auto"] if value == "auto" else [word, *(bits([value]) if word == "trust" else [value])]
         else:
             order.append({None: "none", "move home": "home"}.get(request, request))
+        order += [int(rest.get("halt", False)), int(rest.get("unsent", False))]
+        order += [rest.get("max_iterations", 100), int(rest.get("shed", False)), int(preview is not None)]
+        if preview is not None:
+            base, positions, radii = preview
+            order += [base, len(positions), len(radii or ()), *bits(n for xy in positions for n in xy), *bits(radii or ())]
         self.orders.append(order)
-        self.steps.append(self.follower.step(now, pen, joints, request, enable=enable))
+        self.steps.append(self.follower.step(now, pen, joints, request, enable=enable, preview=preview, **rest))
         return self.steps[-1]
 
 
@@ -95,25 +112,54 @@ def hand(rng, now, t):
     y = 0.02 * math.cos(1.7 * t) + 0.008 * math.sin(12.0 * t)
     if 3.0 < t < 3.6:
         return []
-    sample = (now - rng.randrange(0, 1_900_000), x + rng.gauss(0, 2e-5), y, math.sin(t) > -0.7)
+    sample = (now - rng.randrange(0, 1_900_000), x + rng.gauss(0, 2e-5), y, math.sin(t) > -0.7, now % 1_000_003)
     if rng.random() < 0.01:
-        return [(now, rng.choice([math.nan, 5.0, -math.inf]), y, True)]
+        return [(now, rng.choice([math.nan, 5.0, -math.inf]), y, True, 0)]
     return [sample] * rng.choice([0, 1, 1, 1, 2])
 
 
+def rest_of(rng, tick):
+    """The rarer arguments of a tick."""
+    rest = {"halt": tick == 500, "unsent": rng.random() < 0.02, "shed": rng.random() < 0.02}
+    return rest | {"max_iterations": rng.choice([100] * 20 + [0, 1, 5])}
+
+
+def foreseen(rng, step):
+    """What a predictor of constant velocity says after a tick, and now and then rubbish."""
+    if not step.pen_steps:
+        return None
+    last, wrong = step.pen_steps[-1], rng.random()
+    count = rng.choice([last.wanted, 64])
+    positions = [(last.x_m + k * last.dx_m, last.y_m + k * last.dy_m) for k in range(1, count + 1)]
+    radii = [1e-4 * k for k in range(1, count + 1)] if rng.random() < 0.5 else None
+    if wrong < 0.02:
+        positions[rng.randrange(count)] = (math.nan, 0.0)
+    elif wrong < 0.04:
+        positions, radii = positions[:2], None
+    elif wrong < 0.06:
+        positions[3] = (0.3, 0.3)
+    base = last.index + (rng.choice([1, -1, -30]) if 0.06 < wrong < 0.12 else 0)
+    return max(base, 0), positions, radii
+
+
 class FollowerBits(unittest.TestCase):
-    def compare(self, seed, learn, changes, ticks):
+    def compare(self, seed, learn, changes, ticks, foresee=None):
         rng = random.Random(seed)
         session = Session(learn, changes)
         follower, period = session.follower, session.follower.period_ns
         q, qd, modes = list(follower.home), [0.0] * 6, set()
-        requests = {3: "arm", 900: ("trust", 0.4), 1000: ("trust", "auto"), 1200: ("predictor", "constant-velocity")}
+        requests = {3: "arm", 800: "arm", 900: ("trust", 0.4), 1000: ("trust", "auto"), 1200: ("predictor", "constant-velocity")}
         requests |= {1500: ("trust", 3.0), 1700: "stop", 2000: "arm", 2300: "disarm", 2600: "move home"}
+        preview = None
         for tick in range(1, ticks):
             now = 1_000_000_000 + tick * period
-            joints = Joints(now, q, qd) if rng.random() < 0.98 else None
+            effort = [rng.gauss(0, 0.2) for _ in range(6)] if rng.random() < 0.7 else None
+            unit = rng.choice(["Nm", "A", "share"])
+            joints = Joints(now, q, qd, effort=effort, effort_unit=unit) if rng.random() < 0.98 else None
             enable = (now, False) if tick < 2200 else None
-            step = session.step(now, hand(rng, now, tick * period * 1e-9), joints, enable, requests.get(tick))
+            pen, request = hand(rng, now, tick * period * 1e-9), requests.get(tick)
+            step = session.step(now, pen, joints, enable, request, preview, **rest_of(rng, tick))
+            preview = foresee and foresee(rng, step)
             modes.add(step.mode)
             if step.command is not None:
                 q, qd = step.command.q, step.command.qd
@@ -141,6 +187,18 @@ class FollowerBits(unittest.TestCase):
                 session, _ = self.compare(horizon, False, {"mpc.horizon": horizon, "predictor.kind": kind}, 900)
                 self.assertEqual(session.follower.horizon, horizon)
                 self.assertEqual({step.weights_version for step in session.steps}, {0})
+
+    def test_a_predictor_of_ones_own_earns_its_part_bit_for_bit(self):
+        changes = {"predictor.kind": "external", "predictor.external.fallback": "hold"}
+        session, _ = self.compare(7, False, changes, 2200, foreseen)
+        told = [step.external for step in session.steps]
+        self.assertEqual({step.predictor for step in session.steps[:1000]}, {"external"})
+        self.assertGreater(max(one["weight"] for one in told if one), 0.9)
+        verdicts = {one["verdict"] for one in told if one}
+        self.assertGreaterEqual(verdicts, {None, "taken", "malformed", "non-finite", "ahead", "late", "wild"})
+        self.assertEqual({one is None for one in told[:1000]}, {False})
+        wanted = {closed.wanted for step in session.steps for closed in step.pen_steps}
+        self.assertTrue(all(wanted_ >= 1 for wanted_ in wanted))
 
     def test_the_learner_makes_a_difference(self):
         def alphas(learn):
@@ -207,6 +265,17 @@ class FollowerUse(Scratch):
             ({"request": ("trust", "much")}, "legal"),
             ({"request": ("predictor", "ours")}, "is called mixture"),
             ({"request": 5}, "legal"),
+            ({"preview": 5}, "preview is 5; legal: a step"),
+            ({"preview": (1, [(0.0,)])}, "legal: a step"),
+            ({"preview": (1, [(0.0, "a")])}, "legal: a step"),
+            ({"preview": (1.5, [(0.0, 0.0)])}, "preview's step is 1.5; legal: whole numbers"),
+            ({"preview": (-1, [(0.0, 0.0)])}, "preview's step is -1; legal: 0 to"),
+            ({"preview": (1, [(0.0, 0.0)] * 65)}, "65 positions; legal: at most 64"),
+            ({"preview": (1, [(0.0, 0.0)] * 9, [0.1] * 65)}, "65 radii; legal: at most 64"),
+            ({"joints": Joints(1, [10**400] * 6, home)}, "joints.q is"), ({"joints": Joints(1, [10**5000] * 6, home)}, "joints.q is"),
+            ({"joints": Joints(10**5000, home, home)}, "stamp_ns is a int of thousands of digits; legal: 0 to"),
+            ({"pen": [(1, 10**400, 0.0, True)]}, "a pen reading is"),
+            ({"pen": [(1, 0.0, 0.0, True, -1)]}, "sequence is -1; legal: 0 to"),
             ({"max_iterations": -1}, "max_iterations"),
         ]:
             with self.assertRaisesRegex(Invalid, why):
@@ -269,6 +338,7 @@ class GuardBits(unittest.TestCase):
                 verdicts.append(guard.stop(at))
                 orders.append(["stop", at])
             else:
+                at = max([at, *(verdict.stamp_ns for verdict in verdicts[-1:])])
                 verdicts.append(guard.after_silence(at))
                 orders.append(["silence", at])
         return orders + [["end"]], verdicts, limits
@@ -314,6 +384,14 @@ class GuardUse(unittest.TestCase):
         self.assertEqual(guard.limits.braking, follower.limits.braking)
         guard.begin(follower.home, 5)
         self.assertEqual(guard.clamp(follower.home, 2_000_005).altered, [])
+
+    def test_silence_never_goes_back_in_time(self):
+        guard = Guard(Limits([(-1, 1)], [1.0], [10.0], hold_s=0.01))
+        guard.begin([0.1], 50_000_000, [0.5])
+        with self.assertRaisesRegex(Invalid, "now_ns is 49999999, before the last command at 50000000 ns"):
+            guard.after_silence(49_999_999)
+        self.assertEqual(guard.after_silence(50_000_000).q, [0.1])
+        self.assertGreater(guard.after_silence(55_000_000).q[0], 0.1)
 
     def test_wrong_arguments_say_what_is_legal(self):
         guard = Guard("ur5")

@@ -11,9 +11,10 @@ import threading
 import time
 import unittest
 import warnings
+from unittest import mock
 
 import foretrace
-from support import Scratch, kept, needs_numpy, numpy, recording, run
+from support import Scratch, kept, mcap, needs_numpy, numpy, recording, run
 
 
 class Read(Scratch):
@@ -125,12 +126,22 @@ class Read(Scratch):
 class Refused(Scratch):
     def test_unknown_topics_and_fields_name_those_that_there_are(self):
         found = foretrace.read(recording())
-        with self.assertRaisesRegex(KeyError, "/raw/tick"):
+        with self.assertRaisesRegex(KeyError, "no such topic; topics with columns: .*/raw/tick"):
             found["/tick2"]
+        with self.assertRaisesRegex(KeyError, "/tf: .*take topic.name..messages"):
+            found["/tf"]
+        for name, there in [("/tf", False), ("/tick2", False), ("/raw/thing", False), (5, False), ("/raw/tick", True)]:
+            self.assertEqual(name in found, there, name)
+        self.assertIsNone(found.get("/tf"))
         with self.assertRaisesRegex(foretrace.Invalid, "no message of /tick2; there are .*/raw/tick"):
             found.topic("/tick2")
         with self.assertRaisesRegex(foretrace.Invalid, "every is 0"):
             found.topic("/raw/tick", every=0)
+        for every in (-1, 1 << 64):
+            with self.assertRaisesRegex(foretrace.Invalid, f"every is {every}; legal"):
+                found.topic("/raw/tick", every=every)
+        with self.assertRaisesRegex(foretrace.Invalid, "tick is -1; legal"):
+            found.explain(-1)
         with self.assertRaisesRegex(KeyError, "no field nothing; there are: time_ns"):
             found.topic("/raw/tick").column("nothing")
 
@@ -159,6 +170,62 @@ class Refused(Scratch):
         self.assertGreater(len(ticks), 100)
         again = cut.replay()
         self.assertTrue(again.same and again.damage, again)
+
+    def forged(self, table, message=bytes(16)):
+        channel = ("/raw/tick", "foretrace.wire", ("TickRecord", "foretrace.wire", table), [(7, message)])
+        return foretrace.read(self.write("forged.mcap", mcap([channel])))
+
+    def test_layouts_that_are_forged_are_problems(self):
+        head = b"layout 0123456789abcdef size 16\n"
+        for table, why in [
+            (b"", "names no size"), (b"layout x size many\n", "names no size"), (b"\xff\n", "no text"),
+            (head + b"a 0 8 f64\na 8 8 f64\n", 'two fields "a"'), (head + b"time_ns 0 8 u64\n", "time_ns has the name"),
+            (head + b"a 8 16 f64*2\n", '"a" does not lie'), (head + b"a 0 8 f64*99999999999999999999\n", '"a" does not lie'),
+            (head + b"a 0 16 f64*2305843009213693954\n", '"a" does not lie'), (head + b"a 0 8 f64*x\n", '"a" does not lie'),
+            (head + b"a 0 0 bytes\n", '"a" does not lie'), (head + b"a -1 8 f64\n", '"a" does not lie'),
+            (head + b"a 18446744073709551615 8 f64\n", '"a" does not lie'), (head + b" 0 8 f64\n", '"" does not lie'),
+            (head + b"a 0 8\n", '"a" does not lie'), (head + b"a 0 4 f64\n", '"a" does not lie'),
+            (head + b"".join(b"f%d 0 1 u8\n" % n for n in range(5000)), "more than 4096 fields"),
+            (head + b"x" * 5000 + b" 0 8\n", '"x{50,60}.{0,4}" does not lie'),
+        ]:
+            with self.assertRaisesRegex(foretrace.Problem, f"the layout of /raw/tick is damaged: .*{why}"):
+                self.forged(table).topic("/raw/tick")
+        for message in (b"", bytes(15), bytes(32)):
+            with self.assertRaisesRegex(foretrace.Problem, "/raw/tick"):
+                self.forged(head + b"a 0 8 f64\n", message).topic("/raw/tick")
+
+    def test_fields_that_are_no_numbers_are_bytes(self):
+        table = b"layout 0123456789abcdef size 16\nis 0 2 bool\nname 2 6 bytes\nodd 2 4 bool*4\nx 8 8 f64\n"
+        found = self.forged(table, b"\1\0abcdef" + struct.pack("<d", 0.25))
+        topic = found.topic("/raw/tick")
+        self.assertEqual(topic.columns, ["time_ns", "is", "name", "odd", "x"])
+        self.assertEqual([topic.column(name) for name in topic.columns], [[7], [(1, 0)], [tuple(b"abcdef")], [tuple(b"abcd")], [0.25]])
+        if numpy is not None:
+            row = found["/raw/tick"][0]
+            self.assertEqual((row["time_ns"], bytes(row["name"]), row["x"]), (7, b"abcdef", 0.25))
+
+    def test_what_is_too_much_for_the_memory_names_the_remedy(self):
+        found = foretrace.read(recording())
+        size = len(found.topic("/raw/tick")._data)
+        with mock.patch("foretrace.recordings.MOST_BYTES", size // 2):
+            with self.assertRaisesRegex(foretrace.Problem, f"more than {size // 2} bytes; .*every=n"):
+                foretrace.read(recording()).topic("/raw/tick")
+            self.assertGreater(len(foretrace.read(recording()).topic("/raw/tick", every=3)), 100)
+        with mock.patch("foretrace.recordings.MOST_BYTES", 1000):
+            for work in (lambda run: run.pieces, lambda run: run.pen):
+                with self.assertRaisesRegex(foretrace.Problem, "more than 1000 bytes; set foretrace.recordings.MOST_BYTES"):
+                    work(foretrace.read(recording()))
+
+    def test_a_stop_before_the_recording_began_is_none_of_its_stops(self):
+        found = foretrace.read(recording())
+        [stop] = found.stops
+        topic = found.topic("/raw/tick")
+        schema = (topic.schema_name, "foretrace.wire", topic.schema)
+        messages = [(message.time_ns, message.data) for message in topic.messages]
+        at = topic.column("tick").index(stop.tick)
+        for begin, stops in ((at - 1, [stop.tick]), (at, []), (at + 1, [])):
+            path = self.write("late.mcap", mcap([("/raw/tick", "foretrace.wire", schema, messages[begin : at + 50])]))
+            self.assertEqual([own.tick for own in foretrace.read(path).stops], stops)
 
     def test_bytes_that_are_changed_never_end_the_interpreter(self):
         with open(recording(), "rb") as file:

@@ -1,23 +1,54 @@
 //! Raw topics as tables of numbers, by the layout that the file itself names.
 //!
-//! Contract: needs nothing of this program's layouts, so that recordings of other versions are read too. What
-//! is not a number (names, nested messages) is left out.
+//! Contract: needs nothing of this program's layouts, so that recordings of other versions are read too. A
+//! layout whose fields do not lie in the message, or have one name, is refused. A CSV leaves out what is not
+//! a number (names, nested messages).
 
-use std::collections::BTreeMap;
 use std::collections::btree_map::Entry as Slot;
+use std::collections::{BTreeMap, HashSet};
 use std::io::Write;
 
 use foretrace_shm::{PATH_POINTS, Stage};
+use foretrace_sim::data::shortened;
 
 use crate::RecordError;
 use crate::read::{Channel, RecordingEntry, RecordingReader};
 use crate::topics::WIRE;
 
+/// What the messages of a raw topic are made of.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct RawLayout {
+    /// Bytes of a message; 0: they differ in size.
+    pub size: usize,
+    /// In the order of the table.
+    pub fields: Vec<RawField>,
+}
+
+/// A field of a raw topic.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct RawField {
+    pub name: String,
+    /// Of its first byte in the message.
+    pub offset: usize,
+    /// How many numbers it is, or bytes.
+    pub count: usize,
+    /// Place of its type in [`NUMBERS`]; `None`: bytes that are no numbers.
+    number: Option<usize>,
+}
+
+impl RawField {
+    /// Type of its numbers (`u8` to `u64`, `i32`, `i64`, `f32`, `f64`); `None`: bytes that are no numbers.
+    #[must_use]
+    pub fn number(&self) -> Option<&'static str> {
+        NUMBERS.get(self.number?).map(|(name, ..)| *name)
+    }
+}
+
 /// A column of numbers.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Column {
+struct Column {
     /// Field, with an index for arrays, and unit.
-    pub name: String,
+    name: String,
     offset: usize,
     /// Place of its type in [`NUMBERS`].
     number: usize,
@@ -47,34 +78,73 @@ const NUMBERS: [(&str, usize, AsText); 8] = [
 
 /// Entries of an array that become columns at most; longer ones are histograms and byte strings.
 const LONGEST_ARRAY: usize = 2 * PATH_POINTS;
-/// Columns of one topic at most: a forged table must not fill the memory.
+/// Columns and fields of one topic at most: a forged table must not fill the memory.
 const MOST_COLUMNS: usize = 4096;
+/// Characters of a forged name in a message.
+const TOLD: usize = 60;
 
-/// The columns of a raw channel; `None` if it is not one, or its table is damaged.
-#[must_use]
-pub fn columns(channel: &Channel) -> Option<Vec<Column>> {
+/// The layout of a raw channel, as its file names it; `None`: the channel is not raw.
+///
+/// # Errors
+///
+/// What is wrong with it.
+pub fn layout(channel: &Channel) -> Result<Option<RawLayout>, String> {
     let (_, encoding, table) = &*channel.schema;
     if encoding != WIRE {
-        return None;
+        return Ok(None);
     }
+    let text = std::str::from_utf8(table).map_err(|_| "it is no text".to_owned())?;
+    let mut lines = text.lines();
+    let head = lines.next().unwrap_or_default();
+    let size = head.split(' ').nth(3).and_then(|size| size.parse().ok());
+    let size: usize = size.ok_or("its first line names no size")?;
+    let (mut fields, mut names) = (Vec::new(), HashSet::new());
+    for line in lines {
+        let named = || shortened(line.split(' ').next().unwrap_or_default(), TOLD);
+        let field = field(line, size)
+            .ok_or_else(|| format!("its field {:?} does not lie in the message", named()))?;
+        if !names.insert(line.split(' ').next()) {
+            return Err(format!("it has two fields {:?}", named()));
+        }
+        if fields.len() == MOST_COLUMNS {
+            return Err(format!("it has more than {MOST_COLUMNS} fields"));
+        }
+        fields.push(field);
+    }
+    Ok(Some(RawLayout { size, fields }))
+}
+
+/// The field of a line `name offset length type`, if it lies in a message of `size`.
+fn field(line: &str, size: usize) -> Option<RawField> {
+    let mut words = line.split(' ');
+    let (name, offset, length, kind) = (words.next()?, words.next()?, words.next()?, words.next()?);
+    let (offset, length): (usize, usize) = (offset.parse().ok()?, length.parse().ok()?);
+    let (kind, count) = kind.split_once('*').map_or((kind, None), |(kind, count)| (kind, Some(count)));
+    let number = NUMBERS.iter().position(|(name, ..)| *name == kind);
+    let (count, bytes) = match number.and_then(|number| NUMBERS.get(number)) {
+        Some((_, bytes, _)) => (count.map_or(Some(1), |count| count.parse().ok())?, *bytes),
+        None => (length, 1),
+    };
+    let is_in = size == 0 || offset.checked_add(length)? <= size;
+    let fits = !name.is_empty() && count > 0 && bytes.checked_mul(count)? == length && is_in;
+    fits.then(|| RawField { name: name.to_owned(), offset, count, number })
+}
+
+/// The columns of a layout.
+fn columns(layout: &RawLayout) -> Vec<Column> {
     let mut columns = Vec::new();
-    for line in std::str::from_utf8(table).ok()?.lines().skip(1) {
-        let mut words = line.split(' ');
-        let (name, offset, _, kind) = (words.next()?, words.next()?, words.next()?, words.next()?);
-        let offset: usize = offset.parse().ok()?;
-        let (kind, count) = kind.split_once('*').map_or((kind, Some(1)), |(kind, n)| (kind, n.parse().ok()));
-        let number = NUMBERS.iter().position(|(name, ..)| *name == kind);
-        let (Some(number), Some(count)) = (number, count) else { continue };
+    for RawField { name, offset, count, number } in &layout.fields {
+        let Some(number) = *number else { continue };
         let size = NUMBERS.get(number).map_or(0, |(_, size, _)| *size);
-        if count > LONGEST_ARRAY || columns.len() > MOST_COLUMNS {
+        if *count > LONGEST_ARRAY || columns.len() > MOST_COLUMNS {
             continue;
         }
-        for index in 0..count {
-            let name = format!("{} [{}]", entry(name, count, index), unit(name));
-            columns.push(Column { name, offset: offset.checked_add(index * size)?, number });
+        for index in 0..*count {
+            let name = format!("{} [{}]", entry(name, *count, index), unit(name));
+            columns.push(Column { name, offset: offset.saturating_add(index * size), number });
         }
     }
-    Some(columns)
+    columns
 }
 
 /// Entry `index` of a field with `count` of them: by number, or by name where the entries have names.
@@ -110,8 +180,10 @@ fn unit(field: &str) -> &'static str {
 /// The columns of `channel` whose field is in `fields`, or all.
 fn chosen(channel: &Channel, fields: &[String]) -> Result<Vec<Column>, String> {
     let topic = &channel.name;
-    let all =
-        columns(channel).ok_or_else(|| format!("{topic} has no table of numbers; raw topics have one"))?;
+    let damaged = |why| format!("the layout of {topic} is damaged: {why}; take its other topics");
+    let layout = layout(channel).map_err(damaged)?;
+    let layout = layout.ok_or_else(|| format!("{topic} has no table of numbers; raw topics have one"))?;
+    let all = columns(&layout);
     let known: Vec<&str> = all.iter().map(Column::field).collect();
     if let Some(unknown) = fields.iter().find(|field| !known.contains(&field.as_str())) {
         let mut names = known.clone();

@@ -8,7 +8,7 @@ from typing import Any
 from ._native import Problem
 
 try:
-    import numpy
+    import numpy as numpy
 except ImportError:
     numpy = None  # type: ignore[assignment]
 
@@ -42,7 +42,7 @@ class Rows:
     def __len__(self) -> int:
         return len(self.data) // self.size if self.size else 0
 
-    def column(self, name: str) -> list:
+    def column(self, name: str) -> list[Any]:
         """The values of one field, one per row; of fields with several numbers, tuples."""
         for found, number, offset, count in self.fields:
             if found == name:

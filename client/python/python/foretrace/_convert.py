@@ -1,7 +1,7 @@
 """Sets in formats that the lab does not read, as folders of InkML with a `split.tsv` that it does.
 
 Every converter writes a new folder, which appears whole or not at all. What cannot be used is left out and
-named in the result; with `strict` it is an error.
+named in the result; with `strict` it is an error. Numbers and texts that the lab would refuse are refused.
 """
 
 from __future__ import annotations
@@ -10,10 +10,11 @@ import json
 import os
 import re
 import shutil
+import stat
 import tempfile
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass, field
-from typing import Any, Iterable, Iterator, Mapping, NamedTuple, Sequence, Union
+from typing import Any, BinaryIO, Iterable, Iterator, Mapping, NamedTuple, Sequence, Union
 from xml.sax.saxutils import escape
 
 from ._native import Invalid, Problem
@@ -21,8 +22,12 @@ from ._native import Invalid, Problem
 Name = Union[str, "os.PathLike[str]"]
 
 LARGEST_FILE = 128 << 20
+LARGEST_TEXT = 1 << 20
 LONGEST_LINE = 16 << 20
+LONGEST_NAME = 100
+LARGEST_POSITION = 1e9
 DRAWINGS_PER_FILE = 500
+NUMBER = re.compile(r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?")
 
 
 class Trace(NamedTuple):
@@ -59,13 +64,14 @@ class Target:
     """A new folder of InkML files, which gets its name when it is complete."""
 
     def __init__(self, folder: Name, time_unit: str, strict: bool):
-        self.final = os.fspath(folder)
+        self.final = os.fsdecode(folder)
         if os.path.lexists(self.final):
             raise Problem(f"{self.final} exists already; give a new name, or remove it")
         self.part = ""
         self.unit, self.strict = time_unit, strict
         self.done = Converted(self.final)
         self.rows: list[tuple[str, str, str]] = []
+        self.names: dict[str, str] = {}
 
     def __enter__(self) -> "Target":
         above, name = os.path.split(os.path.abspath(self.final))
@@ -73,8 +79,8 @@ class Target:
             os.makedirs(above, exist_ok=True)
             self.part = tempfile.mkdtemp(prefix=f".{name}-", dir=above)
             os.chmod(self.part, 0o755)
-        except OSError as error:
-            raise Problem(f"cannot write {self.final}: {error.strerror}") from None
+        except (OSError, ValueError) as error:
+            raise Problem(f"cannot write {self.final}: {_why(error)}") from None
         return self
 
     def leave_out(self, why: str) -> None:
@@ -83,8 +89,13 @@ class Target:
             raise Problem(why)
         self.done.left_out.append(why)
 
-    def add(self, name: str, part: str, inks: Sequence[Ink]) -> None:
-        """One file with these sequences."""
+    def add(self, name: str, part: str, inks: Sequence[Ink], of: str) -> None:
+        """One file with these sequences, which were read from `of`."""
+        name = re.sub(r"[^A-Za-z0-9._/-]", "_", name)
+        if name in self.names:
+            self.leave_out(f"{of}: its file would be {name}, which {self.names[name]} has already; rename one of them")
+            return
+        self.names[name] = of
         lines = [
             '<?xml version="1.0" encoding="UTF-8"?>',
             '<ink xmlns="http://www.w3.org/2003/InkML">',
@@ -109,24 +120,36 @@ class Target:
             os.makedirs(os.path.dirname(path), exist_ok=True)
             with open(path, "w", encoding="utf-8") as file:
                 file.write("\n".join(lines) + "\n")
-        except OSError as error:
-            raise Problem(f"cannot write {path}: {error.strerror}") from None
-        writers = {ink.writer for ink in inks}
+        except (OSError, ValueError) as error:
+            raise Problem(f"cannot write {path}: {_why(error)}") from None
+        writers = {clean(ink.writer) for ink in inks}
         self.rows.append((part, name, writers.pop() if len(writers) == 1 else ""))
         self.done.files += 1
         self.done.sequences += len(inks)
 
     def __exit__(self, kind: Any, *_: Any) -> None:
-        if kind is None and self.rows:
-            table = "".join(f"{part}\t{name}\t{writer}\n" for part, name, writer in self.rows)
-            with open(os.path.join(self.part, "split.tsv"), "w", encoding="utf-8") as file:
-                file.write("set\tfile\twriter\n" + table)
-            os.rename(self.part, self.final)
-            return
-        shutil.rmtree(self.part, ignore_errors=True)
+        try:
+            if kind is None and self.rows:
+                self._finish()
+                return
+        except (OSError, ValueError) as error:
+            raise Problem(f"cannot write {self.final}: {_why(error)}") from None
+        finally:
+            # Nothing is left of it where it has its name by now.
+            shutil.rmtree(self.part, ignore_errors=True)
         if kind is None:
             first = f"; the first: {self.done.left_out[0]}" if self.done.left_out else ""
             raise Problem(f"nothing could be converted ({len(self.done.left_out)} left out{first}); no folder was written")
+
+    def _finish(self) -> None:
+        table = "".join(f"{part}\t{name}\t{writer}\n" for part, name, writer in self.rows)
+        with open(os.path.join(self.part, "split.tsv"), "w", encoding="utf-8") as file:
+            file.write("set\tfile\twriter\n" + table)
+        os.rename(self.part, self.final)
+
+
+def _why(error: Exception) -> str:
+    return (error.strerror if isinstance(error, OSError) else None) or str(error)
 
 
 def clean(text: str) -> str:
@@ -134,20 +157,55 @@ def clean(text: str) -> str:
     return re.sub(r"[\x00-\x1f\x7f\ufffe\uffff\ud800-\udfff]+", " ", text).strip()
 
 
-def number(text: Any, what: str, most: float = 1e12) -> str:
-    """`text`, if it is a finite number of ordinary size."""
+def shown(value: Any) -> str:
+    """The begin of a foreign value, for a message."""
     try:
-        value = float(text)
-    except (TypeError, ValueError):
-        value = float("nan")
-    if isinstance(text, bool) or not -most <= value <= most:
-        raise Refused(f"{what} is {str(text)[:40]!r}; legal: numbers from -{most:g} to {most:g}")
-    return str(text).strip()
+        return repr(str(value)[:40])
+    except ValueError:
+        return "a number of thousands of digits"
+
+
+def number(text: Any, what: str, most: float = 1e12) -> str:
+    """`text`, if it is a finite number of ordinary size, in ASCII."""
+    value = float("nan")
+    try:
+        if isinstance(text, str):
+            text = text.strip()
+            value = float(text) if len(text) <= 400 and NUMBER.fullmatch(text) else value
+        elif isinstance(text, (int, float)) and not isinstance(text, bool):
+            value = float(text)
+    except OverflowError:
+        pass
+    if not -most <= value <= most:
+        raise Refused(f"{what} is {shown(text)}; legal: numbers from -{most:g} to {most:g}")
+    return str(text)
+
+
+def position(text: Any, what: str) -> str:
+    """As `number`, of a position."""
+    return number(text, what, LARGEST_POSITION)
+
+
+def label(value: Any, what: str) -> str:
+    """A text, or nothing."""
+    if value is None:
+        return ""
+    if isinstance(value, bool) or not isinstance(value, (str, int, float)):
+        raise Refused(f"{what} is {shown(value)}; legal: a text")
+    return str(value)
+
+
+def hand(value: Any, what: str) -> str:
+    """As `label`, of a writer's name; the lab compares as much of it as is legal here."""
+    text = label(value, what)
+    if len(text) > LONGEST_NAME:
+        raise Refused(f"{what} has {len(text)} characters; legal: at most {LONGEST_NAME}")
+    return text
 
 
 def files_of(source: Name, ends: str) -> list[str]:
     """The file, or all files below the folder whose names end so, by name."""
-    source = os.fspath(source)
+    source = os.fsdecode(source)
     if os.path.isfile(source):
         return [source]
     if not os.path.isdir(source):
@@ -163,20 +221,35 @@ def files_of(source: Name, ends: str) -> list[str]:
     return sorted(found)
 
 
-def small(path: str) -> None:
-    """Refuses what is no regular file of ordinary size."""
-    if not os.path.isfile(path):
+def opened(path: str) -> BinaryIO:
+    """A regular file, to read; whatever else stands there is refused and never waited for."""
+    try:
+        file = os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb")
+    except (OSError, ValueError) as error:
+        raise Refused(f"{path}: {_why(error)}") from None
+    if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+        file.close()
         raise Refused(f"{path}: not a regular file")
-    if os.path.getsize(path) > LARGEST_FILE:
-        raise Refused(f"{path}: it has {os.path.getsize(path)} bytes, {LARGEST_FILE} are the most that are read")
+    return file
+
+
+def content(path: str, most: int = LARGEST_FILE) -> bytes:
+    """All of a regular file of ordinary size."""
+    with opened(path) as file:
+        try:
+            data = file.read(most + 1)
+        except OSError as error:
+            raise Refused(f"{path}: {_why(error)}") from None
+    if len(data) > most:
+        raise Refused(f"{path}: it has more than {most} bytes, the most that are read")
+    return data
 
 
 def xml_of(path: str) -> ElementTree.Element:
     """The document of a file; entities of its own are refused, which could fill the memory."""
-    small(path)
-    with open(path, "rb") as file:
-        data = file.read()
-    if b"<!ENTITY" in data:
+    data = content(path)
+    # Other encodings that the parser knows have zeros between the letters, or the same letters.
+    if b"<!ENTITY" in data.replace(b"\0", b""):
         raise Refused(f"{path}: it defines entities; give files as IAM-OnDB publishes them")
     try:
         return ElementTree.fromstring(data)
@@ -189,56 +262,83 @@ def convert_iam_ondb(
 ) -> Converted:
     """IAM-OnDB (XML, `WhiteboardCaptureSession`) to a set that the lab reads.
 
-    `source`: the unpacked folder. Lines (`lineStrokes/`) become sequences where there are any, whole forms
-    (`original/`) otherwise. Text and writer come from the forms (`Form writerID`, `TextLine`) or `ascii/`
-    beside them. `parts`: a word for each list of forms that the database publishes, such as `{"train":
-    "trainset.txt"}`; without it all is one part. Times in seconds and positions are kept as they stand; the
-    database names no unit of length.
+    `source`: the unpacked folder. The lines of a form (`lineStrokes/`) become its sequences where there are
+    any, the whole form (`original/`) otherwise. Text and writer come from the forms (`Form writerID`,
+    `TextLine`) or `ascii/` beside them. `parts`: a word for each list of forms that the database publishes,
+    such as `{"train": "trainset.txt"}`; without it all is one part. Times in seconds and positions are kept as
+    they stand; the database names no unit of length.
 
     Raises `Problem`: nothing usable, `target` exists, or (strict) the first bad file.
     """
     words = _parts(parts)
     with Target(target, "s", strict) as out:
-        forms: dict[str, tuple[str, str, dict[str, str]]] = {}
-        inks: dict[str, list[tuple[str, list[Trace]]]] = {}
-        whole: dict[str, list[Trace]] = {}
+        read = _IamForms()
         for path in files_of(source, ".xml"):
             try:
-                document = xml_of(path)
-                stem = os.path.splitext(os.path.basename(path))[0]
-                form = document.find("General/Form")
-                if form is not None:
-                    name = form.get("id", "") or os.path.basename(os.path.dirname(path))
-                    lines = {line.get("id", ""): line.get("text", "") for line in document.iter("TextLine")}
-                    text = (document.findtext("Transcription/Text") or "").strip()
-                    forms[name] = (form.get("writerID", ""), text, lines)
-                traces = list(_iam_traces(document, path))
-                if form is not None:
-                    whole[name] = traces
-                elif re.fullmatch(r".+-\d+", stem):
-                    inks.setdefault(stem.rsplit("-", 1)[0], []).append((stem, traces))
-                else:
-                    whole[stem] = traces
+                read.take(path)
             except Refused as error:
                 out.leave_out(str(error))
-        ascii_ = _iam_ascii(source)
-        for name in sorted(inks or whole):
+        ascii_ = _iam_ascii(source, out)
+        for name in read.names():
             part = words.get(name) or words.get(re.sub(r"[a-z]$", "", name)) if words else "all"
             if not part:
                 out.leave_out(f"{name}: in none of the lists of parts")
                 continue
-            writer, text, lines = forms.get(name, ("", "", {}))
-            if inks:
-                found = []
-                for line, traces in sorted(inks[name]):
-                    at = int(line.rsplit("-", 1)[1]) - 1
-                    csr = ascii_.get(name, [])
-                    label = lines.get(line) or (csr[at] if 0 <= at < len(csr) else "")
-                    found.append(Ink(label, writer, traces))
-            else:
-                found = [Ink(text, writer, whole[name])]
-            out.add(f"{re.sub(r'[^A-Za-z0-9._-]', '_', name)}.inkml", part, found)
+            out.add(f"{name.replace('/', '_')}.inkml", part, read.inks(name, ascii_.get(name, [])), f"form {name}")
     return out.done
+
+
+class _IamForms:
+    """What the files of IAM-OnDB hold, by name of the form."""
+
+    def __init__(self) -> None:
+        self.about: dict[str, tuple[str, str, dict[int, str]]] = {}
+        self.lines: dict[str, dict[int, list[Trace]]] = {}
+        self.whole: dict[str, list[Trace]] = {}
+        self.paths: dict[tuple[str, int], str] = {}
+
+    def take(self, path: str) -> None:
+        """Reads a file: a form, or a line of one."""
+        document = xml_of(path)
+        stem, folder = os.path.splitext(os.path.basename(path))[0], os.path.basename(os.path.dirname(path))
+        form, line = document.find("General/Form"), re.fullmatch(r"(.+)-([0-9]{1,9})", stem)
+        traces = list(_iam_traces(document, path))
+        if form is None and line is not None:
+            name, number_of = line[1], int(line[2])
+        else:
+            # The file of form a01-001z is a01-001/strokesz.xml.
+            own = folder + stem[len("strokes") :] if stem.startswith("strokes") else stem
+            name, number_of = (form.get("id") if form is not None else None) or own, 0
+        other = self.paths.setdefault((name, number_of), path)
+        if other != path:
+            what = f"line {number_of} of form {name}" if number_of else f"form {name}"
+            raise Refused(f"{path}: {what} was read from {other} already")
+        if form is not None:
+            named: dict[int, str] = {}
+            for item in document.iter("TextLine"):
+                if known := re.fullmatch(r".*-([0-9]{1,9})", item.get("id", "")):
+                    named.setdefault(int(known[1]), item.get("text", ""))
+            text = (document.findtext("Transcription/Text") or "").strip()
+            self.about[name] = (hand(form.get("writerID"), f"{path}: writerID"), text, named)
+        if form is None and line is not None:
+            self.lines.setdefault(name, {})[number_of] = traces
+        else:
+            self.whole[name] = traces
+
+    def names(self) -> list[str]:
+        """The forms, each once."""
+        return sorted({*self.lines, *self.whole})
+
+    def inks(self, name: str, corrected: list[str]) -> list[Ink]:
+        """The lines of a form, or where there are none all of it."""
+        writer, text, named = self.about.get(name, ("", "", {}))
+        if name not in self.lines:
+            return [Ink(text, writer, self.whole[name])]
+        found = []
+        for at, traces in sorted(self.lines[name].items()):
+            text = named.get(at) or (corrected[at - 1] if 1 <= at <= len(corrected) else "")
+            found.append(Ink(text, writer, traces))
+        return found
 
 
 def _iam_traces(document: ElementTree.Element, path: str) -> Iterator[Trace]:
@@ -251,21 +351,25 @@ def _iam_traces(document: ElementTree.Element, path: str) -> Iterator[Trace]:
         points: list[tuple[str, str, str]] = []
         for point in stroke.findall("Point"):
             what = f"{path}: stroke {at}, point {len(points)}"
-            x, y, t = (number(point.get(key), f"{what}: {key}") for key in ("x", "y", "time"))
-            points.append((x, y, t))
+            x, y = (position(point.get(key), f"{what}: {key}") for key in ("x", "y"))
+            points.append((x, y, number(point.get("time"), f"{what}: time")))
         if points:
             yield Trace(points)
 
 
-def _iam_ascii(source: Name) -> dict[str, list[str]]:
+def _iam_ascii(source: Name, out: Target) -> dict[str, list[str]]:
     """The corrected lines of `ascii/`, by form."""
     found: dict[str, list[str]] = {}
-    folder = os.fspath(source)
+    folder = os.fsdecode(source)
     if not os.path.isdir(folder):
         return found
-    for path in (p for p in _walk(folder, ".txt") if os.path.getsize(p) < 1 << 20):
-        with open(path, encoding="utf-8", errors="replace") as file:
-            _, mark, rest = file.read().partition("CSR:")
+    for path in sorted(_walk(folder, ".txt")):
+        try:
+            text = content(path, LARGEST_TEXT).decode("utf-8", "replace")
+            _, mark, rest = text.partition("CSR:")
+        except Refused as error:
+            out.leave_out(str(error))
+            continue
         if mark:
             lines = [line.strip() for line in rest.splitlines()]
             found[os.path.splitext(os.path.basename(path))[0]] = [line for line in lines if line]
@@ -283,12 +387,14 @@ def _parts(parts: Mapping[str, Name] | None) -> dict[str, str]:
         if not word or clean(word) != word:
             raise Invalid(f"a part is called {word!r}; legal: a word without tabs and line breaks")
         try:
-            with open(path, encoding="utf-8") as file:
-                for line in file:
-                    if line.strip():
-                        words.setdefault(line.split()[0], word)
-        except (OSError, UnicodeDecodeError) as error:
-            raise Problem(f"{os.fspath(path)}: {error}") from None
+            lines = content(os.fsdecode(path)).decode().splitlines()
+        except Refused as error:
+            raise Problem(str(error)) from None
+        except UnicodeDecodeError as error:
+            raise Problem(f"{os.fsdecode(path)}: no text: {error.reason} at byte {error.start}") from None
+        for line in lines:
+            if line.strip():
+                words.setdefault(line.split()[0], word)
     return words
 
 
@@ -297,36 +403,40 @@ def convert_svc2004(source: Name, target: Name, *, strict: bool = False) -> Conv
 
     A line of the number of points, then per point x, y (upwards), time [ms], button (1: on the surface), and
     in task 2 azimuth, altitude and pressure, which are not kept. The hand is the user of the file's name for
-    signatures 1 to 20; those from 21 on are forgeries by others: part `forgery`, hand unknown.
+    signatures 1 to 20; those from 21 on are forgeries by others: part `forgery`, hand unknown. Files keep
+    their folders, so that both tasks may stand beside each other.
     """
+    root = os.fsdecode(source)
     with Target(target, "ms", strict) as out:
-        for path in files_of(source, ".txt"):
+        for path in files_of(root, ".txt"):
             name = os.path.splitext(os.path.basename(path))[0]
             try:
-                match = re.fullmatch(r"(?i)u(\d+)s(\d+)", name)
+                match = re.fullmatch(r"(?i)u([0-9]+)s([0-9]+)", name)
                 if match is None:
                     raise Refused(f"{path}: its name is not that of a signature, as U1S1.TXT")
                 genuine = int(match[2]) <= 20
                 ink = Ink("", f"u{int(match[1])}" if genuine else "", _svc_traces(path))
-                out.add(f"{name.lower()}.inkml", "genuine" if genuine else "forgery", [ink])
+                folder = os.path.dirname(os.path.relpath(path, root)) if os.path.isdir(root) else ""
+                out.add(os.path.join(folder, f"{name.lower()}.inkml"), "genuine" if genuine else "forgery", [ink], path)
             except Refused as error:
                 out.leave_out(str(error))
     return out.done
 
 
 def _svc_traces(path: str) -> list[Trace]:
-    small(path)
-    with open(path, encoding="ascii", errors="replace") as file:
-        lines = [line.split() for line in file if line.strip()]
-    if not lines or len(lines[0]) != 1 or not lines[0][0].isdigit():
+    texts = content(path).decode("ascii", "replace").splitlines()
+    lines = [(at, line.split()) for at, line in enumerate(texts, 1) if line.strip()]
+    count = lines[0][1] if lines else []
+    if len(count) != 1 or not re.fullmatch("[0-9]{1,9}", count[0]):
         raise Refused(f"{path}:1: legal: the number of points, alone in the first line")
-    if int(lines[0][0]) != len(lines) - 1:
-        raise Refused(f"{path}: it holds {len(lines) - 1} points where its first line says {lines[0][0]}")
+    if int(count[0]) != len(lines) - 1:
+        raise Refused(f"{path}: it holds {len(lines) - 1} points where its first line says {count[0]}")
     traces: list[Trace] = []
-    for at, cells in enumerate(lines[1:], 2):
+    for at, cells in lines[1:]:
         if len(cells) not in (4, 7):
             raise Refused(f"{path}:{at}: {len(cells)} numbers; legal: x y time button, or those and three more")
-        x, y, t = (number(cell, f"{path}:{at}: {what}") for cell, what in zip(cells, ("x", "y", "time")))
+        x, y = (position(cell, f"{path}:{at}: {what}") for cell, what in zip(cells, ("x", "y")))
+        t = number(cells[2], f"{path}:{at}: time")
         if cells[3] not in ("0", "1"):
             raise Refused(f"{path}:{at}: button is {cells[3][:40]!r}; legal: 0, 1")
         # InkML counts y downwards.
@@ -355,35 +465,50 @@ def convert_quickdraw(
     paths = [path for one in sources for path in files_of(one, ".ndjson")]
     with Target(target, "ms", strict) as out:
         for index, path in enumerate(paths):
-            name = re.sub(r"[^A-Za-z0-9._-]", "_", os.path.splitext(os.path.basename(path))[0])
+            name = os.path.splitext(os.path.basename(path))[0]
             inks: list[Ink] = []
             part = 0
             for ink in _drawings(path, limit, out):
                 inks.append(ink)
                 if len(inks) == DRAWINGS_PER_FILE:
-                    out.add(f"{index:03}-{name}/{part:05}.inkml", "all", inks)
+                    out.add(f"{index:03}-{name}/{part:05}.inkml", "all", inks, path)
                     inks, part = [], part + 1
             if inks:
-                out.add(f"{index:03}-{name}/{part:05}.inkml", "all", inks)
+                out.add(f"{index:03}-{name}/{part:05}.inkml", "all", inks, path)
     return out.done
 
 
 def _drawings(path: str, limit: int | None, out: Target) -> Iterator[Ink]:
     found = 0
-    with open(path, "rb") as file:
-        at = 0
-        while (line := file.readline(LONGEST_LINE)) and (limit is None or found < limit):
-            at += 1
+    try:
+        for at, line in _lines(path):
+            if limit is not None and found >= limit:
+                return
             try:
-                if len(line) == LONGEST_LINE:
-                    while (more := file.readline(LONGEST_LINE)) and not more.endswith(b"\n"):
-                        pass
-                    raise Refused(f"{path}:{at}: a line of {LONGEST_LINE} bytes and more")
+                if line is None:
+                    raise Refused(f"{path}:{at}: a line of more than {LONGEST_LINE} bytes, the most that are read")
                 if line.strip():
                     yield _drawing(line, f"{path}:{at}")
                     found += 1
             except Refused as error:
                 out.leave_out(str(error))
+    except Refused as error:
+        out.leave_out(str(error))
+
+
+def _lines(path: str) -> Iterator[tuple[int, bytes | None]]:
+    """Every line with its number; none for one that is too long."""
+    with opened(path) as file:
+        at = 0
+        try:
+            while line := file.readline(LONGEST_LINE + 1):
+                at += 1
+                rest = line
+                while len(rest) > LONGEST_LINE and not rest.endswith(b"\n"):
+                    rest = file.readline(LONGEST_LINE + 1)
+                yield at, line if len(line) <= LONGEST_LINE or line.endswith(b"\n") else None
+        except OSError as error:
+            raise Refused(f"{path}: {_why(error)}") from None
 
 
 def _drawing(line: bytes, where: str) -> Ink:
@@ -404,10 +529,12 @@ def _drawing(line: bytes, where: str) -> Ink:
         if len({len(axis) for axis in stroke}) != 1:
             raise Refused(f"{what}: lists of {[len(axis) for axis in stroke]} numbers; legal: of one length")
         points = [
-            (number(x, f"{what}: x"), number(y, f"{what}: y"), number(t, f"{what}: time")) for x, y, t in zip(*stroke)
+            (position(x, f"{what}: x"), position(y, f"{what}: y"), number(t, f"{what}: time"))
+            for x, y, t in zip(*stroke)
         ]
         if points:
             traces.append(Trace(points))
     if not traces:
         raise Refused(f"{where}: no points")
-    return Ink(str(drawing.get("word", "")), str(drawing.get("key_id", "")), traces)
+    word, key = label(drawing.get("word"), f"{where}: word"), hand(drawing.get("key_id"), f"{where}: key_id")
+    return Ink(word, key, traces)

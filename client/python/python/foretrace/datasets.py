@@ -97,7 +97,8 @@ class Sequence:
     @property
     def place_holders(self) -> int:
         """Points `0 0` that stand for no position, and are not among the samples."""
-        return self._read()["place_holders"]
+        count: int = self._read()["place_holders"]
+        return count
 
     def __repr__(self) -> str:
         return f"<Sequence {self.label!r} of {self.writer or 'an unknown hand'}, {self.file}>"

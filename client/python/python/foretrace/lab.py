@@ -5,7 +5,8 @@
     print(result.rows)
 
 It runs `foretrace lab closed-loop --arm-socket` and answers at that socket (docs/extend/judge.md), so the
-program `foretrace` has to be installed. No clock is involved: an arm may take as long as it likes.
+program `foretrace` has to be installed. Results do not depend on how long an arm thinks; more than `timeout_s`
+for one step ends the run.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from typing import Any, Callable, Mapping, NamedTuple, Sequence, Union
 
 from ._arrays import need_numpy
 from ._native import Invalid, OtherVersion, Problem
-from ._settings import Settings, flat
+from ._settings import Settings, named
 
 __all__ = ["Answer", "ArmCommand", "Begin", "FirstOrder", "Result", "closed_loop"]
 
@@ -132,14 +133,16 @@ class Result:
     @property
     def rows(self) -> list[dict[str, Any]]:
         """One row per method: errors, jerk, lag."""
-        return self.json["rows"]
+        rows: list[dict[str, Any]] = self.json["rows"]
+        return rows
 
     @property
     def trials(self) -> list[dict[str, Any]]:
         """One per hand: writer, stop, scores of its sequences."""
-        return self.json["trials"]
+        trials: list[dict[str, Any]] = self.json["trials"]
+        return trials
 
-    def tick_columns(self) -> dict[str, list]:
+    def tick_columns(self) -> dict[str, list[Any]]:
         """Every tick, by column: numbers as float, words as text, empty fields as None."""
         if self.ticks_csv is None:
             raise Problem("the ticks were not kept; call closed_loop with ticks=True")
@@ -179,7 +182,7 @@ def _program(program: Union[None, str, "os.PathLike[str]"]) -> str:
     return found
 
 
-def _receive(connection: socket.socket, kind: int, form: struct.Struct) -> tuple | None:
+def _receive(connection: socket.socket, kind: int, form: struct.Struct) -> tuple[Any, ...] | None:
     """The next message, which has to be of this kind; None where the law has gone."""
     length, data = HEADER.size + form.size, b""
     while len(data) < length:
@@ -203,11 +206,19 @@ def _message(kind: int, body: bytes) -> bytes:
     return HEADER.pack(MAGIC, VERSION, kind, HEADER.size + len(body), JOINTS) + body
 
 
+def _send(connection: socket.socket, data: bytes) -> None:
+    """Sends; that the law has gone shows in the next receipt, and in what the program said."""
+    try:
+        connection.sendall(data)
+    except (BrokenPipeError, ConnectionResetError):
+        pass
+
+
 def _joints(name: str, values: Any, tick: int | None) -> list[float]:
     when = "at its start" if tick is None else f"at tick {tick}"
     try:
         found = [float(value) for value in values]
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise Invalid(f"the arm's {name} {when} is {str(values)[:80]}; legal: {JOINTS} numbers") from None
     if len(found) != JOINTS or not all(map(math.isfinite, found)):
         raise Invalid(f"the arm's {name} {when} is {found}; legal: {JOINTS} finite numbers")
@@ -225,9 +236,9 @@ def _answer(arm: Any, command: ArmCommand) -> bytes:
         ) from None
     effort = [0.0] * JOINTS if answer.effort is None else _joints("effort", answer.effort, command.tick)
     stamp = command.until_ns if answer.stamp_ns is None else answer.stamp_ns
-    if not 0 <= stamp <= command.until_ns:
+    if not (isinstance(stamp, int) and 0 <= stamp <= command.until_ns):
         raise Invalid(
-            f"the arm's stamp_ns at tick {command.tick} is {stamp}; legal: 0 to {command.until_ns}, the tick's end"
+            f"the arm's stamp_ns at tick {command.tick} is {str(stamp)[:80]}; legal: 0 to {command.until_ns}, the tick's end"
         )
     q, qd = _joints("q", answer.q, command.tick), _joints("qd", answer.qd, command.tick)
     return _message(4, STATE.pack(stamp, command.tick, int(bool(answer.motion_allowed)), 0, *q, *qd, *effort))
@@ -244,18 +255,19 @@ def _run(connection: socket.socket, make_arm: Callable[[Begin], Any]) -> Any:
     if unit not in EFFORTS:
         raise Invalid(f"the arm's effort_unit is {unit!r}; legal: None, 'Nm', 'A'")
     delay, rate = getattr(arm, "group_delay_s", None), getattr(arm, "rate_hz", None)
-    rate_hz = 1e9 / period_ns if rate is None else float(rate)
-    body = ARM_HELLO.pack(
-        rate_hz, -1.0 if delay is None else float(delay), EFFORTS[unit], 0, *_joints("q", arm.q, None)
-    )
-    connection.sendall(_message(2, body))
+    try:
+        rate_hz = 1e9 / period_ns if rate is None else float(rate)
+    except (TypeError, ValueError, OverflowError):
+        raise Invalid(f"the arm's rate_hz is {str(rate)[:80]}; legal: None, or a number [Hz]") from None
+    try:
+        rates = rate_hz, -1.0 if delay is None else float(delay)
+    except (TypeError, ValueError, OverflowError):
+        raise Invalid(f"the arm's group_delay_s is {str(delay)[:80]}; legal: None, or a number [s]") from None
+    _send(connection, _message(2, ARM_HELLO.pack(*rates, EFFORTS[unit], 0, *_joints("q", arm.q, None))))
     while (found := _receive(connection, 3, COMMAND)) is not None:
         until, tick, flags, _, *numbers = found
         command = ArmCommand(until, tick, bool(flags & ENABLED), tuple(numbers[:JOINTS]), tuple(numbers[JOINTS:]))
-        try:
-            connection.sendall(_answer(arm, command))
-        except BrokenPipeError:
-            break
+        _send(connection, _answer(arm, command))
     return arm
 
 
@@ -315,28 +327,31 @@ def closed_loop(
         command += ["--arm-socket", paths["arm"], "--json", paths["run.json"], "--out", os.path.join(folder, "p")]
         command += ["--ticks", paths["ticks.csv"]] if ticks else []
         with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as listener:
-            listener.bind(paths["arm"])
-            listener.listen(1)
+            try:
+                listener.bind(paths["arm"])
+                listener.listen(1)
+            except OSError as error:
+                what = f"no socket can be made at {paths['arm']}: {error}"
+                raise Problem(f"{what}; set TMPDIR to a folder with a short path") from None
             arms = _serve(listener, command, paths, arm)
-        with open(paths["run.json"], encoding="utf-8") as file:
-            found = json.load(file)
+        try:
+            with open(paths["run.json"], encoding="utf-8") as file:
+                found = json.load(file)
+        except (OSError, ValueError) as error:
+            raise Problem(f"the program wrote no result: {error}; use the program and the package of one version") from None
         kept = _text(paths["ticks.csv"]) if ticks else None
         return Result(found, _text(paths["out"]), _text(paths["err"]), arms, kept)
 
 
 def _settings_options(settings: Settings, changes: Mapping[str, Any] | None) -> list[str]:
-    own: dict[str, Any] = dict(settings) if isinstance(settings, Mapping) else {}
-    preset = own.pop("preset", None)
-    if isinstance(settings, Mapping) and preset is None:
-        raise Invalid("settings as a dict need a preset here; legal: {'preset': 'ur5', ...}, a name, or a path")
-    options: list[str] = []
-    if preset is not None:
-        options = ["--preset", preset]
-    elif isinstance(settings, str) and not ("/" in settings or "." in settings):
-        options = ["--preset", settings]
+    found = named(settings, changes)
+    if found["preset"] is not None:
+        options = ["--preset", found["preset"]]
+    elif found["file"] is not None:
+        options = ["--config", found["file"]]
     else:
-        options = ["--config", os.fspath(settings)]  # type: ignore[arg-type]
-    for key, value in flat(own) + flat(changes or {}):
+        raise Invalid("settings as a dict need a preset here; legal: {'preset': 'ur5', ...}, a name, or a path")
+    for key, value in found["changes"]:
         options += ["--set", f"{key}={value}"]
     return options
 
@@ -349,7 +364,7 @@ def _text(path: str) -> str:
         return ""
 
 
-def _serve(listener: socket.socket, command: list[str], paths: dict[str, str], make_arm: Callable) -> list[Any]:
+def _serve(listener: socket.socket, command: list[str], paths: dict[str, str], make_arm: Callable[[Begin], Any]) -> list[Any]:
     """Answers until the program ends; whatever goes wrong here ends the program."""
     arms = []
     with open(paths["out"], "wb") as out, open(paths["err"], "wb") as err:

@@ -6,6 +6,7 @@ nanoseconds of the host's monotonic clock or of a virtual one.
 
 from __future__ import annotations
 
+import operator
 import os
 from collections.abc import Sequence as AbstractSequence
 from dataclasses import dataclass
@@ -14,6 +15,7 @@ from typing import Any, Iterable, Mapping, NamedTuple, Sequence, Union
 from . import _native
 from ._native import Command, Invalid, Pose, Step, Verdict
 from ._settings import Settings, named
+from .messages import PenStep
 
 __all__ = ["Chain", "ChainLimits", "Command", "Follower", "Guard", "Joints", "Limits", "Pen", "Pose", "Step", "Verdict"]
 
@@ -45,32 +47,56 @@ class Joints:
     """`Nm`, `A` or `share` (of the joint's effort limit)."""
 
 
+def _told(value: Any) -> str:
+    """The begin of a foreign value, for a message; Python refuses to write numbers of thousands of digits."""
+    try:
+        return str(value)[:80]
+    except ValueError:
+        return f"a {type(value).__name__} of thousands of digits"
+
+
 def _numbers(name: str, values: Any) -> list[float]:
     if hasattr(values, "tolist"):
         values = values.tolist()
     try:
         return [float(value) for value in values]
-    except (TypeError, ValueError):
-        raise Invalid(f"{name} is {str(values)[:80]}; legal: a list of numbers, one per joint") from None
+    except (TypeError, ValueError, OverflowError):
+        raise Invalid(f"{name} is {_told(values)}; legal: a list of numbers, one per joint") from None
 
 
-def _stamp(name: str, value: Any) -> int:
+def _stamp(name: str, value: Any, unit: str = " ns") -> int:
     try:
-        stamp = value.__index__()
-    except AttributeError:
-        raise Invalid(f"{name} is {value!r}; legal: whole nanoseconds, as time.monotonic_ns() gives") from None
+        stamp = operator.index(value)
+    except TypeError:
+        kind = "whole nanoseconds, as time.monotonic_ns() gives" if unit else "whole numbers"
+        raise Invalid(f"{name} is {_told(value)}; legal: {kind}") from None
     if not 0 <= stamp < 1 << 64:
-        raise Invalid(f"{name} is {stamp}; legal: 0 to 2^64 - 1 ns")
+        raise Invalid(f"{name} is {_told(stamp)}; legal: 0 to 2^64 - 1{unit}")
     return stamp
 
 
-def _reading(reading: Any) -> tuple:
+def _preview(preview: Any) -> tuple[Any, ...] | None:
+    if preview is None:
+        return None
+    try:
+        step, positions, *rest = preview
+        if len(rest) > 1:
+            raise ValueError
+        points = [[float(x), float(y)] for x, y in positions]
+        radii = [] if not rest or rest[0] is None else [float(radius) for radius in rest[0]]
+    except (TypeError, ValueError, OverflowError):
+        legal = "a step or its index, positions as pairs [m], and perhaps as many radii [m]"
+        raise Invalid(f"preview is {_told(preview)}; legal: {legal}") from None
+    return _stamp("preview's step", step.index if isinstance(step, PenStep) else step, ""), points, radii
+
+
+def _reading(reading: Any) -> tuple[Any, ...]:
     try:
         stamp, x, y, contact, *rest = reading
         sequence = rest[0] if rest else 0
-        return _stamp("pen stamp", stamp), float(x), float(y), bool(contact), int(sequence)
-    except (TypeError, ValueError):
-        raise Invalid(f"a pen reading is {str(reading)[:80]}; legal: stamp [ns], x [m], y [m], contact") from None
+        return _stamp("pen stamp", stamp), float(x), float(y), bool(contact), _stamp("sequence", sequence, "")
+    except (TypeError, ValueError, OverflowError):
+        raise Invalid(f"a pen reading is {_told(reading)}; legal: stamp [ns], x [m], y [m], contact") from None
 
 
 class Follower:
@@ -116,6 +142,7 @@ class Follower:
         unsent: bool = False,
         max_iterations: int = 100,
         shed: bool = False,
+        preview: tuple[Any, ...] | None = None,
     ) -> Step:
         """One tick at `now_ns`, its nominal release [ns].
 
@@ -124,7 +151,10 @@ class Follower:
         `"stop"`, `"move home"`, `("trust", VALUE | "auto" | "freeze")`, `("predictor", NAME)`. `enable`: the
         newest dead-man message: its stamp [ns], and whether the operator let go. `halt`: stop now, without a
         request. `unsent`: the command of the last tick was not sent. `max_iterations`, `shed`: what the tick
-        may spend on each solver.
+        may spend on each solver. `preview`: of a predictor of your own, while predictor `external` is chosen:
+        the step of `Step.pen_steps` after which it predicts (or its index), positions (x, y) [m] at the ends
+        of the `wanted` to 64 steps after it, and if it knows them as many radii [m] in which the pen is
+        expected in nine of ten cases. What became of it is in `Step.external`.
 
         Never fails on what the world does: bad samples are refused and counted in the result. Raises
         `Invalid` where an argument is none (lengths, words).
@@ -154,6 +184,7 @@ class Follower:
                 "unsent": bool(unsent),
                 "max_iterations": max_iterations,
                 "shed": bool(shed),
+                "preview": _preview(preview),
             },
         )
 
@@ -181,7 +212,7 @@ def _request(request: Any) -> Any:
             return word, value
         if isinstance(value, (int, float)) and not isinstance(value, bool):
             return word, float(value)
-    raise Invalid(f"request is {str(request)[:80]}; {legal}")
+    raise Invalid(f"request is {_told(request)}; {legal}")
 
 
 def _triple(name: str, values: Sequence[float]) -> tuple[float, float, float]:
@@ -212,13 +243,13 @@ class Limits:
     ):
         try:
             pairs = [(float(low), float(high)) for low, high in position]
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             raise Invalid("position is no list of pairs; legal: (lowest, highest) per joint [rad]") from None
-        optional = lambda name, values: None if values is None else _numbers(name, values)
         self._take(
             _native.LimitsOf(
                 pairs, _numbers("velocity", velocity), _numbers("acceleration", acceleration),
-                optional("jerk", jerk), float(hold_s), optional("braking", braking),
+                None if jerk is None else _numbers("jerk", jerk), float(hold_s),
+                None if braking is None else _numbers("braking", braking),
             )
         )
 
@@ -275,7 +306,10 @@ class Guard:
         return self._guard.stop(_stamp("t_ns", t_ns))
 
     def after_silence(self, now_ns: int) -> Verdict:
-        """Goes on from where an arm without commands is at `now_ns`: it extrapolated, then braked."""
+        """Goes on from where an arm without commands is at `now_ns`: it extrapolated, then braked.
+
+        Raises `Invalid` for an instant before the last command's: the guard does not go back in time.
+        """
         return self._guard.after_silence(_stamp("now_ns", now_ns))
 
     @property
@@ -345,13 +379,14 @@ class Chain:
 
     def forward(self, q: Sequence[float]) -> Pose:
         """Pose and Jacobian of the tool at joint positions `q` [rad]."""
-        return self._chain.forward(_numbers("q", q))
+        pose: Pose = self._chain.forward(_numbers("q", q))
+        return pose
 
     def jacobian(self, q: Sequence[float]) -> list[list[float]]:
         """6 rows of one number per joint: tool origin [m/rad], rotation [rad/rad], in the base frame."""
         return self.forward(q).jacobian
 
-    def tool_motion(self, q: Sequence[float], qd: Sequence[float], qdd: Sequence[float]) -> tuple:
+    def tool_motion(self, q: Sequence[float], qd: Sequence[float], qdd: Sequence[float]) -> tuple[tuple[float, ...], ...]:
         """Position [m], velocity [m/s] and acceleration [m/s²] of the tool's origin in the base frame."""
         found = self._chain.tool_motion(_numbers("q", q), _numbers("qd", qd), _numbers("qdd", qdd))
         return tuple(tuple(row) for row in found)
@@ -379,7 +414,9 @@ class Chain:
         elif axis is None or rotation is not None:
             raise Invalid("give either rotation or axis")
         spun = None if spin is None else _triple("spin", spin)
-        return self._chain.inverse(_triple("position", position), _triple("axis", axis), spun, _numbers("near", near))
+        where, along = _triple("position", position), _triple("axis", axis)
+        found: list[float] | None = self._chain.inverse(where, along, spun, _numbers("near", near))
+        return found
 
     def __repr__(self) -> str:
         return f"<Chain of {self.joints} joints from {self.base} to {self.tip}>"

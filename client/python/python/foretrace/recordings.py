@@ -6,10 +6,10 @@ import os
 import warnings
 from collections.abc import Mapping as AbstractMapping
 from dataclasses import dataclass
-from typing import Any, Iterator, Mapping, Sequence, Union
+from typing import Any, Callable, Iterator, Mapping, Sequence, TypeVar, Union
 
 from . import _native
-from ._arrays import NUMBERS, PEN, PATH_SIZE, Rows
+from ._arrays import PEN, PATH_SIZE, Rows
 from ._native import Invalid, Problem
 from ._settings import flat, toml_value
 
@@ -19,6 +19,10 @@ __all__ = [
 ]
 
 WIRE = "foretrace.wire"
+_T = TypeVar("_T")
+MOST_BYTES = 2 << 30
+"""Bytes of a topic, of all pieces or of the pen that are read into memory at most; set it as you like. While
+arrays are made it is twice as much."""
 
 
 class RecordingRemark(UserWarning):
@@ -54,12 +58,14 @@ class Moment:
 
 @dataclass(frozen=True)
 class Piece:
-    """What a replay begins with: `settings` (TOML), `weights`, `state` or `law` (name of the build)."""
+    """What a replay needs beside the ticks' inputs: `settings` (TOML), `weights`, `state`, `law` (name of the
+    build) or `preview` (of another process)."""
 
     kind: str
     daemon: int
     number: int
-    """Of settings and law 0; of weights their version; of a state the tick before it."""
+    """Of settings and law 0; of weights their version; of a state the tick before it; of a preview the tick
+    that was given it."""
     data: bytes
 
 
@@ -78,42 +84,18 @@ class Topic:
     def __init__(self, path: str, name: str, every: int):
         self.name = name
         self._what = f"{name} as an array"
-        found = _native.recording_rows(path, name, every)
+        if not 0 <= every < 1 << 64:
+            raise Invalid(f"every is {every}; legal: 1 (all messages) and more")
+        found = _native.recording_rows(path, name, every, MOST_BYTES)
         self.encoding: str = found["encoding"]
         """`foretrace.wire` for raw topics, which have columns; `protobuf` for the others."""
         self.schema_name: str = found["schema"]
         self.schema: bytes = found["schema_text"]
         """Table of fields of a raw topic; a FileDescriptorSet of the others."""
         self._times, self._ends, self._data = found["times"], found["ends"], found["bytes"]
-        self._rows = self._layout(path) if self.encoding == WIRE else None
-
-    def _layout(self, path: str) -> Rows | None:
-        """Rows with a time before each message; None: messages of changing size."""
-        lines = self.schema.decode("utf-8", "replace").splitlines()
-        try:
-            size = int(lines[0].split()[3])
-            named = [line.split(" ") for line in lines[1:]]
-            fields = [(name, int(offset), int(length), kind) for name, offset, length, kind in named]
-        except (IndexError, ValueError):
-            raise Problem(f"{path}: the layout of {self.name} is damaged; mend the file with "
-                          f"`foretrace record --repair`") from None
-        if size == 0:
-            return None
-        if len(self._data) != len(self) * (size + 8):
-            raise Problem(f"{path}: a message of {self.name} is damaged; mend the file with "
-                          f"`foretrace record --repair`")
-        columns = [("time_ns", "u64", 0, 1)]
-        for name, offset, length, kind in fields:
-            number, _, times = kind.partition("*")
-            if times and not times.isdecimal():
-                number = ""
-            count = int(times or 1) if number in NUMBERS else length
-            number = number if number in NUMBERS else "u8"
-            if not name or offset < 0 or count < 1 or offset + count * int(NUMBERS[number][0][-1]) > size:
-                raise Problem(f"{path}: the layout of {self.name} is damaged: its field {name[:60]!r} does not "
-                              f"lie in the message; mend the file with `foretrace record --repair`")
-            columns.append((name, number, offset + 8, count))
-        return Rows(self._data, size + 8, columns)
+        fields = [("time_ns", "u64", 0, 1), *((f, number, at + 8, count) for f, number, at, count in found["fields"])]
+        self._rows = Rows(self._data, found["size"] + 8, fields) if found["size"] else None
+        """A time in front of each message; None: messages of changing size."""
 
     def __len__(self) -> int:
         return len(self._times) // 8
@@ -129,7 +111,7 @@ class Topic:
         """Names of the fields: `time_ns` (of the message [ns since 1970]), then those of the layout."""
         return [name for name, *_ in self._table().fields]
 
-    def column(self, name: str) -> list:
+    def column(self, name: str) -> list[Any]:
         """One field as a list, one entry per message (tuples where the field has several numbers). No numpy."""
         return self._table().column(name)
 
@@ -154,7 +136,7 @@ class Topic:
         return f"<Topic {self.name}: {len(self)} messages, {self.encoding}>"
 
 
-class Recording(AbstractMapping):
+class Recording(AbstractMapping[str, Any]):
     """A recording of `foretrace record`: a mapping from topics to structured numpy arrays.
 
     Topics are read when they are asked for. Without numpy take `topic(name)`, whose columns are lists.
@@ -183,7 +165,8 @@ class Recording(AbstractMapping):
     def topic(self, name: str, every: int = 1) -> Topic:
         """Every `every`-th message of a topic.
 
-        Raises `Invalid` where the file has no such topic, with those that it has.
+        Raises `Invalid` where the file has no such topic, with those that it has; `Problem` where it is more
+        than `MOST_BYTES`.
         """
         if every != 1:
             return Topic(self.path, name, every)
@@ -192,9 +175,13 @@ class Recording(AbstractMapping):
         return self._topics[name]
 
     def __getitem__(self, name: str) -> Any:
-        if name not in self.info["topics"]:
-            raise KeyError(f"{self.path} has no topic {name}; there are: {', '.join(self.info['topics'])}")
+        if name not in self:
+            what = "messages but no columns: take topic(name).messages" if name in self.info["topics"] else "no such topic"
+            raise KeyError(f"{name}: {self.path} has {what}; topics with columns: {', '.join(self)}")
         return self.topic(name).array
+
+    def __contains__(self, name: object) -> bool:
+        return name in set(self)
 
     def __iter__(self) -> Iterator[str]:
         """Topics that have columns."""
@@ -203,15 +190,16 @@ class Recording(AbstractMapping):
     def __len__(self) -> int:
         return sum(1 for _ in self)
 
-    def _once(self, key: str, make: Any) -> Any:
+    def _once(self, key: str, make: Callable[[], _T]) -> _T:
         if key not in self._kept:
             self._kept[key] = make()
-        return self._kept[key]
+        kept: _T = self._kept[key]
+        return kept
 
     @property
     def pieces(self) -> list[Piece]:
         """Settings, weights, states and builds of the law, as they were recorded."""
-        return self._once("pieces", lambda: [Piece(*piece) for piece in _native.recording_pieces(self.path)])
+        return self._once("pieces", lambda: [Piece(*piece) for piece in _native.recording_pieces(self.path, MOST_BYTES)])
 
     @property
     def settings_text(self) -> str:
@@ -228,7 +216,7 @@ class Recording(AbstractMapping):
 
     @property
     def stops(self) -> list[Stop]:
-        """Every stop, in order of time."""
+        """Every stop that latched in the recording, in order of time. One that its first tick finds is older."""
         return self._once("stops", lambda: [Stop(**stop) for stop in _native.recording_stops(self.path)])
 
     @property
@@ -240,13 +228,15 @@ class Recording(AbstractMapping):
 
     def explain(self, tick: int) -> list[str]:
         """What a tick saw, decided and cost, as sentences: those of `foretrace explain --tick`."""
+        if not 0 <= tick < 1 << 64:
+            raise Invalid(f"tick is {tick}; legal: the number of a tick")
         return _native.recording_tick(self.path, tick)
 
     @property
     def pen(self) -> Any:
         """All pen samples that ticks were given: `stamp_ns` (monotonic), `x_m`, `y_m` (the pen's own plane),
         `contact`; a structured array, or without numpy a list of tuples."""
-        rows = Rows(_native.recording_pen(self.path), PATH_SIZE, PEN)
+        rows = Rows(_native.recording_pen(self.path, MOST_BYTES), PATH_SIZE, PEN)
         from ._arrays import numpy
 
         if numpy is None:
@@ -298,9 +288,9 @@ class Replay:
     ticks: int
     seconds: float
     end: str
-    """`of_recording`, `gap`, `incomplete`, `no_weights`, `other_daemon` or `damaged`."""
+    """`of_recording`, `gap`, `incomplete`, `no_preview`, `no_weights`, `other_daemon` or `damaged`."""
     next_tick: int | None
-    """After a gap."""
+    """After a gap the first recorded tick; of `no_preview` the tick whose preview the file does not hold."""
     missing_weights: int | None
     damage: str | None
     """Why the file ends early; the verdict is of what comes before."""

@@ -26,9 +26,9 @@ fn stops(path: &Path, wanted: &StillWanted) -> Result<Vec<LatchedStop>, RecordEr
         let RecordingEntry::Message(message) = entry else { continue };
         let Content::Tick(tick) = reader.ticks_and_things(&message)? else { continue };
         let begin_ns = *begin.get_or_insert(tick.release_ns);
-        // A second reason latches beside the first one.
+        // A second reason latches beside the first one; what the first tick has may be old.
         let is = (halted(tick.mode), tick.fault, tick.stop.at_ns);
-        if is.0 && last != Some(is) {
+        if is.0 && last.is_some_and(|last| last != is) {
             let after_s = tick.release_ns.saturating_sub(begin_ns) as f64 * 1e-9;
             found.push(LatchedStop(tick, after_s));
         }
@@ -37,7 +37,7 @@ fn stops(path: &Path, wanted: &StillWanted) -> Result<Vec<LatchedStop>, RecordEr
     Ok(found)
 }
 
-/// The stops of a recording, in order of time, as dicts.
+/// The stops that latched in a recording, in order of time, as dicts.
 #[pyfunction]
 fn recording_stops(python: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyList>> {
     let found = apart(python, move |wanted| stops(&path, wanted))?.map_err(of_record)?;

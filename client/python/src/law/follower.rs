@@ -9,7 +9,7 @@ use foretrace_control::follower::{
 };
 use foretrace_control::learn::Learner;
 use foretrace_control::pen::{PenOrigin, PenReading};
-use foretrace_control::predict::{OnlineWeights, PredictorKind};
+use foretrace_control::predict::{ExternalPreview, MAX_PREVIEW, OnlineWeights, PredictorKind};
 use foretrace_control::stop::{StopDetail, StopReason};
 use foretrace_control::units::Stamp;
 use foretraced::wire::JOINTS;
@@ -174,6 +174,26 @@ struct InputIn {
     max_iterations: u32,
     #[pyo3(item)]
     shed: bool,
+    /// Of another predictor: index of the step after which it predicts, positions, radii of them or none.
+    #[pyo3(item)]
+    preview: Option<(u64, Vec<[f64; 2]>, Vec<f64>)>,
+}
+
+/// What another predictor says; its numbers are the law's to judge.
+fn preview_of(
+    (base_index, positions, radii): (u64, Vec<[f64; 2]>, Vec<f64>),
+) -> PyResult<Box<ExternalPreview>> {
+    for (name, count) in [("positions", positions.len()), ("radii", radii.len())] {
+        if count > MAX_PREVIEW {
+            let what = format_args!("a preview of {count} {name}; legal: at most {MAX_PREVIEW}");
+            return Err(invalid(what));
+        }
+    }
+    let (count, radii_count) = (positions.len(), radii.len());
+    let mut preview = Box::new(ExternalPreview { base_index, count, radii_count, ..ExternalPreview::EMPTY });
+    preview.positions.iter_mut().zip(positions).for_each(|(slot, position)| *slot = position);
+    preview.radii.iter_mut().zip(radii).for_each(|(slot, radius)| *slot = radius);
+    Ok(preview)
 }
 
 #[pymethods]
@@ -201,6 +221,7 @@ impl LawFollower {
         let pen: Vec<PenReading> = input.pen.into_iter().map(PenIn::reading).collect();
         let joints = input.joints.map(JointsIn::readings).transpose()?;
         let request = input.request.map(RequestIn::request).transpose()?;
+        let preview = input.preview.map(preview_of).transpose()?;
         let mut inner = self.inner.lock().unwrap_or_else(PoisonError::into_inner);
         let weights = inner.fresh.take();
         let given = StepInput {
@@ -212,7 +233,7 @@ impl LawFollower {
             request,
             halt: input.halt.then(|| (StopReason::Requested, StopDetail::default())),
             weights: weights.as_deref(),
-            preview: None,
+            preview: preview.as_deref(),
             unsent: input.unsent,
         };
         let budget = Budget { max_iterations: input.max_iterations, shed: input.shed };
@@ -225,7 +246,7 @@ impl LawFollower {
                 }
             }
         }
-        Ok(LawStep(output))
+        Ok(LawStep { output, step_ns: self.config.settings().step_ns() })
     }
 
     #[getter]

@@ -181,6 +181,12 @@ impl<const J: usize> AnyGuard for GuardOf<J> {
 
     fn after_silence(&mut self, now: Stamp) -> PyResult<GuardVerdict> {
         let last = self.last()?;
+        if now < last.stamp() {
+            let (now, last) = (now.0, last.stamp().0);
+            return Err(invalid(format_args!(
+                "now_ns is {now}, before the last command at {last} ns; legal: from there on"
+            )));
+        }
         let limits = self.guard.limits();
         // Of limits that were judged: 0 to 1 s.
         let hold_ns = (limits.hold_s() * 1e9).round() as u64;

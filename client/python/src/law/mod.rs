@@ -2,7 +2,7 @@
 //!
 //! Contract: every number goes to the Rust calls and back as it is, so that results are theirs bit for bit.
 //! What the law would refuse is an exception before it is called; the law itself never fails. Calls keep the
-//! interpreter's lock: they take microseconds.
+//! interpreter's lock: what a tick computes is bounded.
 
 mod numbers;
 mod step;

@@ -3,12 +3,14 @@
 use foretrace_control::follower::{JointCommand, Refusal, StepOutput};
 use foretrace_control::ik::IkSource;
 use foretrace_control::mpc::{AxisReport, SolvePath};
-use foretrace_shm::{guard_mask, health};
+use foretrace_control::predict::LearnStep;
+use foretrace_shm::{PreviewRefusal, guard_mask, health};
 use foretraced::wire::{self, JOINTS};
 use pyo3::prelude::*;
-use pyo3::types::{PyDict, PyList};
+use pyo3::types::{PyBytes, PyDict, PyList};
 
 use crate::files::values::table;
+use crate::live::message_bytes;
 
 /// A command that may leave: finite, inside every limit, continuous with the last one.
 #[pyclass(frozen, get_all, name = "Command", module = "foretrace._native")]
@@ -45,7 +47,11 @@ impl LawCommand {
 
 /// Everything that one tick decided.
 #[pyclass(frozen, name = "Step", module = "foretrace._native")]
-pub struct LawStep(pub Box<StepOutput<JOINTS>>);
+pub struct LawStep {
+    pub output: Box<StepOutput<JOINTS>>,
+    /// Length of a step of the pen's grid.
+    pub step_ns: u64,
+}
 
 fn said(answer: Option<Result<(), Refusal>>) -> (Option<bool>, Option<&'static str>) {
     match answer {
@@ -79,34 +85,34 @@ fn axis<'py>(python: Python<'py>, report: &AxisReport) -> PyResult<Bound<'py, Py
 impl LawStep {
     #[getter]
     fn command(&self) -> Option<LawCommand> {
-        self.0.command.as_ref().map(LawCommand::of)
+        self.output.command.as_ref().map(LawCommand::of)
     }
 
     #[getter]
     fn begins(&self) -> bool {
-        self.0.begins
+        self.output.begins
     }
 
     #[getter]
     fn mode(&self) -> &'static str {
-        wire::mode(self.0.mode).label()
+        wire::mode(self.output.mode).label()
     }
 
     #[getter]
     fn rung(&self) -> &'static str {
-        wire::rung(self.0.rung).label()
+        wire::rung(self.output.rung).label()
     }
 
     #[getter]
     fn stop_reason(&self) -> Option<&'static str> {
-        let reason = wire::fault(self.0.stop_reason);
+        let reason = wire::fault(self.output.stop_reason);
         (reason != foretrace_shm::FaultReason::None).then(|| reason.label())
     }
 
     #[getter]
     fn stop<'py>(&self, python: Python<'py>) -> PyResult<Option<Bound<'py, PyDict>>> {
         let Some(reason) = self.stop_reason() else { return Ok(None) };
-        let detail = wire::stop_detail(&self.0.stop_detail);
+        let detail = wire::stop_detail(&self.output.stop_detail);
         let cause = foretrace_shm::StopCause::try_from(detail.cause);
         Ok(Some(table!(python;
             "reason" => reason,
@@ -121,94 +127,130 @@ impl LawStep {
 
     #[getter]
     fn accepted(&self) -> Option<bool> {
-        said(self.0.answer).0
+        said(self.output.answer).0
     }
 
     #[getter]
     fn refusal(&self) -> Option<&'static str> {
-        said(self.0.answer).1
+        said(self.output.answer).1
     }
 
     #[getter]
     fn way_clear(&self) -> Option<bool> {
-        said(self.0.way).0
+        said(self.output.way).0
     }
 
     #[getter]
     fn way_refusal(&self) -> Option<&'static str> {
-        said(self.0.way).1
+        said(self.output.way).1
     }
 
     #[getter]
     fn home<'py>(&self, python: Python<'py>) -> PyResult<Option<Bound<'py, PyDict>>> {
-        let Some(home) = self.0.home else { return Ok(None) };
+        let Some(home) = self.output.home else { return Ok(None) };
         let is = table!(python; "moving" => home.moving, "share" => home.share, "left_s" => home.left_s);
         Ok(Some(is))
     }
 
     #[getter]
     fn health(&self) -> Vec<&'static str> {
-        health::labels(wire::health(self.0.health)).collect()
+        health::labels(wire::health(self.output.health)).collect()
     }
 
     #[getter]
     fn arm_speed_share(&self) -> Option<f64> {
-        self.0.arm_speed_share
+        self.output.arm_speed_share
     }
 
     #[getter]
     fn trust(&self) -> f64 {
-        self.0.trust.alpha.alpha()
+        self.output.trust.alpha.alpha()
     }
 
     #[getter]
     fn trust_target(&self) -> f64 {
-        self.0.trust.target.alpha()
+        self.output.trust.target.alpha()
     }
 
     #[getter]
     fn trust_reason(&self) -> &'static str {
-        wire::trust_reason(self.0.trust.reason, self.0.governor).label()
+        wire::trust_reason(self.output.trust.reason, self.output.governor).label()
     }
 
     #[getter]
     fn predictor(&self) -> &'static str {
-        self.0.predictor.name()
+        self.output.predictor.name()
+    }
+
+    #[getter]
+    fn preview_steps(&self) -> usize {
+        self.output.preview_steps
+    }
+
+    #[getter]
+    fn external<'py>(&self, python: Python<'py>) -> PyResult<Option<Bound<'py, PyDict>>> {
+        let Some(report) = &self.output.external else { return Ok(None) };
+        let verdict = report.verdict.map(|verdict| match verdict {
+            Ok(()) => "taken",
+            // The shell counts from `None` on.
+            Err(why) => (PreviewRefusal::try_from(why.index() as u32 + 1))
+                .map_or("unknown reason", PreviewRefusal::label),
+        });
+        Ok(Some(table!(python;
+            "weight" => report.weight,
+            "evidence" => report.evidence,
+            "age" => report.age,
+            "verdict" => verdict,
+            "steps" => report.steps,
+            "hits" => report.hits,
+        )))
+    }
+
+    /// As records of `foretrace.messages`.
+    #[getter]
+    fn pen_steps<'py>(&self, python: Python<'py>) -> PyResult<Vec<Bound<'py, PyAny>>> {
+        let kind = python.import("foretrace.messages")?.getattr("PenStep")?;
+        let closed = self.output.learn.iter().take(self.output.learn_count);
+        let record = |step: &LearnStep| {
+            let message = wire::pen_step(step, self.step_ns, self.output.preview_steps);
+            kind.call_method1("from_buffer_copy", (PyBytes::new(python, &message_bytes(&message)),))
+        };
+        closed.map(record).collect()
     }
 
     #[getter]
     fn weights_version(&self) -> u64 {
-        self.0.weights_version
+        self.output.weights_version
     }
 
     #[getter]
     fn governor(&self) -> f64 {
-        self.0.governor
+        self.output.governor
     }
 
     #[getter]
     fn pen_stamp_ns(&self) -> Option<u64> {
-        self.0.pen_stamp.map(|stamp| stamp.0)
+        self.output.pen_stamp.map(|stamp| stamp.0)
     }
 
     #[getter]
     fn pen_m(&self) -> [f64; 2] {
-        self.0.pen_position
+        self.output.pen_position
     }
 
     #[getter]
     fn pen_contact(&self) -> bool {
-        self.0.pen_contact
+        self.output.pen_contact
     }
 
     #[getter]
     fn pen_sequence(&self) -> u64 {
-        self.0.pen_origin.sequence
+        self.output.pen_origin.sequence
     }
 
     #[getter]
     fn pen_counters<'py>(&self, python: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        let pen = &self.0.pen_counters;
+        let pen = &self.output.pen_counters;
         Ok(table!(python;
             "received" => pen.received,
             "accepted" => pen.accepted,
@@ -226,56 +268,56 @@ impl LawStep {
 
     #[getter]
     fn pen_refused(&self) -> Option<String> {
-        let refused = self.0.pen_refused.as_ref()?;
+        let refused = self.output.pen_refused.as_ref()?;
         let words = wire::pen_rejection(refused).map(|rejection| rejection.to_string());
         Some(words.unwrap_or_else(|| format!("{:?}", refused.why).to_lowercase()))
     }
 
     #[getter]
     fn predictor_error_m(&self) -> Option<f64> {
-        self.0.predictor_error
+        self.output.predictor_error
     }
 
     #[getter]
     fn predictor_band_m(&self) -> Option<f64> {
-        self.0.predictor_band
+        self.output.predictor_band
     }
 
     #[getter]
     fn dead_time_ns(&self) -> u64 {
-        self.0.dead_time_ns
+        self.output.dead_time_ns
     }
 
     #[getter]
     fn lag<'py>(&self, python: Python<'py>) -> PyResult<Option<Bound<'py, PyDict>>> {
-        let Some(lag) = self.0.lag else { return Ok(None) };
+        let Some(lag) = self.output.lag else { return Ok(None) };
         Ok(Some(table!(python; "lag_s" => lag.lag_s, "std_s" => lag.std_s, "shift_s" => lag.shift_s)))
     }
 
     #[getter]
     fn reference_m(&self) -> [f64; 3] {
-        self.0.reference
+        self.output.reference
     }
 
     #[getter]
     fn preview_m(&self) -> Vec<(f32, f32)> {
-        self.0.path.points().iter().map(|[x, y]| (*x, *y)).collect()
+        self.output.path.points().iter().map(|[x, y]| (*x, *y)).collect()
     }
 
     #[getter]
     fn setpoint(&self) -> Vec<(f64, f64, f64)> {
-        self.0.setpoint.iter().map(|axis| (axis.position, axis.velocity, axis.acceleration)).collect()
+        self.output.setpoint.iter().map(|axis| (axis.position, axis.velocity, axis.acceleration)).collect()
     }
 
     #[getter]
     fn tool_m(&self) -> [f64; 3] {
-        self.0.tool
+        self.output.tool
     }
 
     #[getter]
     fn axes<'py>(&self, python: Python<'py>) -> PyResult<Bound<'py, PyList>> {
         let list = PyList::empty(python);
-        for report in &self.0.axes {
+        for report in &self.output.axes {
             list.append(axis(python, report)?)?;
         }
         Ok(list)
@@ -283,7 +325,7 @@ impl LawStep {
 
     #[getter]
     fn ik<'py>(&self, python: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        let ik = &self.0.ik;
+        let ik = &self.output.ik;
         let source = match ik.source {
             IkSource::Optimum => "optimum",
             IkSource::Clamped => "clamped",
@@ -306,16 +348,16 @@ impl LawStep {
 
     #[getter]
     fn guard_altered(&self) -> Vec<&'static str> {
-        guard_mask::labels(wire::guard_mask(self.0.guard_altered)).collect()
+        guard_mask::labels(wire::guard_mask(self.output.guard_altered)).collect()
     }
 
     #[getter]
     fn grid_steps(&self) -> usize {
-        self.0.learn_count
+        self.output.learn_count
     }
 
     fn __repr__(&self) -> String {
-        let command = if self.0.command.is_some() { "a command" } else { "no command" };
+        let command = if self.output.command.is_some() { "a command" } else { "no command" };
         let (mode, trust, rung) = (self.mode(), self.trust(), self.rung());
         format!("<Step: {mode}, {command}, {rung}, trust {trust:.2}>")
     }

@@ -22,6 +22,8 @@ mod attachment;
 
 use pyo3::prelude::*;
 
+pub use ports::bytes_of as message_bytes;
+
 /// Closes what is still open; for the end of the interpreter.
 #[pyfunction]
 fn close_all(py: Python<'_>) {

@@ -131,6 +131,19 @@ fn pendigits_have_their_own_parts_and_writers_of_two_files_stay_apart() {
 }
 
 #[test]
+fn every_part_is_told_whole_and_a_message_names_as_many_as_it_holds() {
+    let part = |number: usize| format!("{number:02}{}", "x".repeat(60));
+    let rows: String = (0..30).map(|number| format!("{}\ta.csv\n", part(number))).collect();
+    let set = folder(&[("a.csv", CSV), ("split.tsv", &format!("set\tfile\n{rows}"))]);
+    let parts: Vec<String> = (0..30).map(part).chain(["all".to_owned()]).collect();
+    assert_eq!(DataSet::splits(set.path()).unwrap(), parts);
+    assert_eq!(names(set.path(), &Split::Named(part(29))), ["a.csv"]);
+    let refused = message(set.path(), DataSet::load(set.path(), &Split::Named("y".to_owned()), false));
+    let short = |number: usize| part(number)[..40].to_owned();
+    assert!(refused.ends_with(&format!("{}, {}, …, all", short(18), short(19))), "{refused}");
+}
+
+#[test]
 fn one_bad_file_stops_a_set_only_when_strict() {
     let table = "set\tfile\ntrain\tgood.csv\ntrain\tbad.csv\ntrain\tgone.csv\ntrain\todd.bin\n";
     let set = folder(&[("split.tsv", table), ("good.csv", CSV), ("bad.csv", BAD_CSV), ("odd.bin", "\0\0")]);

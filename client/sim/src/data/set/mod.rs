@@ -71,7 +71,7 @@ pub enum SetError {
     NoSuchSplit {
         folder: PathBuf,
         wanted: String,
-        /// What there is, `all` included.
+        /// What there is, `all` included; of many and long ones as much as a message holds.
         words: Vec<String>,
     },
     /// A strict load met a bad file.
@@ -127,7 +127,7 @@ impl DataSet {
             && !rows.iter().any(|row| split.takes(row.word.as_deref()))
         {
             let (folder, wanted) = (folder.to_path_buf(), wanted.clone());
-            return Err(SetError::NoSuchSplit { folder, wanted, words: words(&rows) });
+            return Err(SetError::NoSuchSplit { folder, wanted, words: shown(words(&rows)) });
         }
         let mut set = Self { name: name(folder), files: Vec::new(), errors: Vec::new(), damaged: Vec::new() };
         let mut seen = std::collections::HashSet::new();
@@ -201,22 +201,20 @@ fn rows(folder: &Path) -> Result<Vec<ListedFile>, SetError> {
 }
 
 fn words(rows: &[ListedFile]) -> Vec<String> {
-    /// Words that fit into a message, and characters of each.
+    let mut seen = std::collections::HashSet::new();
+    let all = rows.iter().filter_map(|row| row.word.as_deref()).filter(|word| *word != "all");
+    let words = all.filter(|word| seen.insert(*word)).chain(["all"]);
+    words.map(str::to_owned).collect()
+}
+
+/// As much of the words of [`words`] as a message holds.
+fn shown(mut words: Vec<String>) -> Vec<String> {
+    /// Words, and characters of each.
     const MOST: (usize, usize) = (20, 40);
-    let mut words: Vec<String> = Vec::new();
-    for word in rows.iter().filter_map(|row| row.word.as_ref()).filter(|word| *word != "all") {
-        let word: String = word.chars().take(MOST.1).collect();
-        if words.contains(&word) {
-            continue;
-        }
-        if words.len() == MOST.0 {
-            words.push("…".to_owned());
-            break;
-        }
-        words.push(word);
+    if words.len() > MOST.0 + 1 {
+        words.splice(MOST.0..words.len() - 1, ["…".to_owned()]);
     }
-    words.push("all".to_owned());
-    words
+    words.iter().map(|word| word.chars().take(MOST.1).collect()).collect()
 }
 
 impl ListedFile {
