@@ -21,8 +21,11 @@ pub(crate) struct ManArgs {
 /// Print what a shell needs to complete commands and options
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:\n  \
+    mkdir -p ~/.local/share/bash-completion/completions\n  \
     foretrace completions bash > ~/.local/share/bash-completion/completions/foretrace\n  \
-    foretrace completions zsh > ~/.zfunc/_foretrace    # a folder of $fpath\n  \
+    mkdir -p ~/.zfunc    # a folder of $fpath\n  \
+    foretrace completions zsh > ~/.zfunc/_foretrace\n  \
+    mkdir -p ~/.config/fish/completions\n  \
     foretrace completions fish > ~/.config/fish/completions/foretrace.fish")]
 pub(crate) struct CompletionsArgs {
     /// Shell that is to complete
