@@ -84,7 +84,12 @@ class Documents(World):
         elif not is_pen:
             others.append(self.start("play", "glyphs:a", "--loop"))
         child = subprocess.Popen(
-            [sys.executable, "-c", HARNESS + body], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+            [sys.executable, "-c", HARNESS + body],
+            # A predictor of the lab reads until its input ends.
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
         )
         self.children.append(child)
         endless = any(word in body for word in ("in arm:", "in predictor:", "ft.watch"))

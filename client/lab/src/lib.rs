@@ -9,6 +9,7 @@
 
 pub mod baselines;
 pub mod experiments;
+pub mod process;
 pub mod lockstep;
 pub mod closed_loop;
 pub mod prediction;

@@ -151,6 +151,52 @@ fn a_number_of_the_law_changes_the_error_by_as_much_as_its_table_says() {
     assert!((ratio / told - 1.0).abs() < 1e-9 && (ratio - 1.0).abs() > 1e-3, "{ratio} {told}");
 }
 
+/// Predicts nothing.
+const SILENT: &str = "external:while read -r line; do echo '{}'; done";
+
+#[test]
+fn a_predictor_in_another_program_takes_part_and_one_that_fails_ends_the_run() {
+    let world = World::alone(PROGRAM);
+    let set = set(&world);
+    let out = world.file("report").display().to_string();
+    let names = format!("mixture,{SILENT}");
+    let base = ["lab", "closed-loop", "--data", &set, "--arms", "ur5", "--limit", "1", "--out", &out];
+    let run = |more: &[&str]| world.run_plain(&[&base[..], more].concat());
+    let file = world.file("all.json");
+    let output = run(&["--predictors", &names, "--each", "--json", &file.display().to_string()]);
+    assert!(output.status.success() && told(&output).contains(SILENT), "{}", told(&output));
+    let json: Value = serde_json::from_str(&std::fs::read_to_string(&file).unwrap()).unwrap();
+    let of = |rows: &Value, name: &str| -> Vec<String> {
+        let rows = rows.as_array().unwrap().iter().filter(|row| row["predictor"] == name);
+        rows.map(|row| row.to_string().replace(&Value::from(name).to_string(), "")).collect()
+    };
+    for (key, count) in [("rows", 1), ("sequences", 2)] {
+        let silent = of(&json[key], SILENT);
+        assert_eq!(silent.len(), count);
+        assert_eq!(silent, of(&json[key], "mixture"), "{key}");
+    }
+    let picture = std::fs::read_to_string(world.file("report/closed-loop-errors.svg")).unwrap();
+    assert!(picture.contains("external:while"));
+    let parts = [1, 2].map(|index| {
+        let part = world.file(&format!("part-{index}.json")).display().to_string();
+        let shard = format!("{index}/2");
+        // No --out beside --shard.
+        let cut =
+            [&base[..8], &["--predictors", &names, "--each", "--shard", &shard, "--json", &part]].concat();
+        let output = world.run_plain(&cut);
+        assert!(output.status.success(), "{}", told(&output));
+        part
+    });
+    let merged = result(&world, &["lab", "merge", &parts[0], &parts[1], "--out", &out, "--json", "-"]);
+    assert_eq!(merged, json);
+    assert_refused(
+        &run(&["--predictors", "external:sleep 0.1; exit 4"]),
+        1,
+        &["w0.dat", "external:sleep 0.1; exit 4", "greeting", "exit status: 4"],
+    );
+    assert_refused(&run(&["--predictors", SILENT, "--stop-at", "1"]), 2, &["--stop-at", SILENT, "mixture"]);
+}
+
 #[test]
 fn names_that_nobody_has_are_answered_with_those_that_there_are() {
     let world = World::alone(PROGRAM);
@@ -158,6 +204,7 @@ fn names_that_nobody_has_are_answered_with_those_that_there_are() {
     let base = ["lab", "closed-loop", "--data", &set];
     let cases = [
         (["--predictors", "hold,ruckig"], 2, "ruckig", "servoj-gello servoj-ros otg kalman oracle"),
+        (["--predictors", "external:"], 2, "external:", "external:COMMAND"),
         (["--arms", "ur10"], 2, "ur10", "ideal delay30 ur5 slow"),
         // The parts come from the set.
         (["--split", "tset"], 5, "tset", "all"),

@@ -145,6 +145,33 @@ fn others_take_part_with_predictions_for_exported_targets() {
 }
 
 #[test]
+fn a_predictor_in_another_program_has_rows_and_one_that_fails_ends_the_run() {
+    let world = World::alone(PROGRAM);
+    let set = set(&world);
+    let out = world.file("report").display().to_string();
+    let silent = "external:while read -r line; do echo '{}'; done";
+    let models = format!("hold,{silent}");
+    for command in ["table1", "evaluate", "leadtime"] {
+        let place: &[&str] = if command == "evaluate" { &[] } else { &["--out", &out] };
+        let run = |models: &str| {
+            let base = ["lab", command, "--data", &set, "--models", models, "--json", "-"];
+            world.run_plain(&[&base[..], place].concat())
+        };
+        let output = run(&models);
+        assert!(output.status.success(), "{}", told(&output));
+        let result: Value = serde_json::from_slice(&output.stdout).unwrap();
+        let (rows, figures) = match command {
+            "leadtime" => (&result["sets"][0]["models"], "leads"),
+            _ => (&result["rows"], "pos_mse"),
+        };
+        assert_eq!((&rows[1]["model"], &rows[1][figures]), (&Value::from(silent), &rows[0][figures]));
+        let failing = "external:read -r line; echo '{}'; read -r line; echo thinking; cat";
+        assert_refused(&run(failing), 1, &[failing, "character 0", "step 0", "thinking", "\"positions\""]);
+        assert_refused(&run("external:"), 2, &["external:COMMAND"]);
+    }
+}
+
+#[test]
 fn wrong_names_sets_and_parts_are_refused_with_the_legal_ones() {
     let world = World::alone(PROGRAM);
     let set = set(&world);

@@ -42,7 +42,8 @@ pub(crate) struct ClosedLoopArgs {
     split: Option<Split>,
 
     /// Predictors and baselines to run, comma-separated; a baseline with -legal behind its name keeps its
-    /// commands inside the joints' limits [default: all, none of them -legal]
+    /// commands inside the joints' limits; external:COMMAND is a predictor of your own in another program (a
+    /// comma ends a name): docs/extend/process.md [default: all, none of them -legal]
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     predictors: Vec<String>,
 
@@ -256,9 +257,10 @@ fn pareto(args: &ClosedLoopArgs, title: &str, benchmark: &Benchmark<'_>) -> Resu
         return Err(nothing(title));
     }
     say!("{title}: error against jerk\n");
-    say!("{:<18} {:<8} {:<34} {:>9} {:>10}", "method", "arm", "tuning", "rms mm", "rms jerk");
+    let wide = points.iter().map(|point| point.method.chars().count()).max().unwrap_or(0).max(18);
+    say!("{:<wide$} {:<8} {:<34} {:>9} {:>10}", "method", "arm", "tuning", "rms mm", "rms jerk");
     for ParetoPoint { method, arm, label, rms_m, rms_jerk, .. } in &points {
-        say!("{method:<18} {arm:<8} {label:<34} {:>9.3} {rms_jerk:>10.1}", rms_m * 1e3);
+        say!("{method:<wide$} {arm:<8} {label:<34} {:>9.3} {rms_jerk:>10.1}", rms_m * 1e3);
     }
     folder(&args.out)?;
     say!("");

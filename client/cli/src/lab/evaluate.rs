@@ -24,7 +24,9 @@ pub(crate) struct EvaluateArgs {
     #[arg(long)]
     strict: bool,
 
-    /// Models, comma-separated [default: all; with --cold all that need no training]
+    /// Models, comma-separated; also lstm:FILE.safetensors, and external:COMMAND, a predictor of your own in
+    /// another program (a comma ends a name): docs/extend/process.md [default: all; with --cold all that need
+    /// no training]
     #[arg(long, value_name = "NAMES")]
     models: Option<String>,
 

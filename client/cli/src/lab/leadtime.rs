@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use foretrace_lab::prediction::lead_time::{
     Board, BoardError, Entrant, Predictions, Standing, compare, draw, export, predict_all, standing_lines,
 };
-use foretrace_lab::prediction::{Model, Set};
+use foretrace_lab::prediction::{Model, RegistryError, Set};
 use foretrace_lab::shards::{LeadRun, SetRun, Shard, brought, lead_part, owned};
 use foretrace_sim::data::{DataSet, Split};
 use serde_json::json;
@@ -30,7 +30,8 @@ pub(crate) struct LeadtimeArgs {
     #[arg(long)]
     strict: bool,
 
-    /// Models, comma-separated; also lstm:FILE.safetensors and file:PREDICTIONS.csv [default: all]
+    /// Models, comma-separated; also lstm:FILE.safetensors, file:PREDICTIONS.csv, and external:COMMAND, a
+    /// predictor of your own in another program (a comma ends a name): docs/extend/process.md [default: all]
     #[arg(long, value_name = "NAMES")]
     models: Option<String>,
 
@@ -154,6 +155,7 @@ fn write_shard(args: &LeadtimeArgs, shard: Shard, entrants: &[Entrant], sets: &[
 fn refused(error: BoardError) -> Failure {
     match error {
         BoardError::Predictions(_) => Failure::bad_input(error, ""),
+        BoardError::Model(RegistryError::Process { .. }) => Failure::failed(error, ""),
         other => Failure::bad_input(other, "choose other models (--models)"),
     }
 }

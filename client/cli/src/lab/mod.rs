@@ -66,8 +66,8 @@ pub(crate) enum LabCommand {
     Evaluate(evaluate::EvaluateArgs),
     /// Rank predictors by error against look-ahead time, 10 to 200 ms, on devices of any rate
     ///
-    /// Your own predictors take part as an LSTM (lstm:FILE.safetensors) or as predictions
-    /// (file:PREDICTIONS.csv) for the targets that --export-targets writes.
+    /// Your own predictors take part as an LSTM (lstm:FILE.safetensors), as a program (external:COMMAND), or
+    /// as predictions (file:PREDICTIONS.csv) for the targets that --export-targets writes.
     Leadtime(leadtime::LeadtimeArgs),
     /// Put the shards of a run together: the same table, JSON and pictures as without --shard
     ///
@@ -164,6 +164,7 @@ fn ends_at_once() -> Result<(), Failure> {
     let ends = move || {
         if signals.forever().next().is_some() {
             foretrace_sim::whole::give_up();
+            foretrace_lab::process::end_all();
             note!("foretrace: interrupted");
             std::process::exit(i32::from(Cause::Interrupted as u8));
         }

@@ -44,10 +44,11 @@ pub(super) fn models(names: &str) -> Result<Vec<Model>, Failure> {
     Model::list(names).map_err(|error| unknown(&error))
 }
 
-/// A wrong or repeated name is a usage error; a bad file is bad input.
+/// A wrong or repeated name is a usage error; a bad file is bad input; another program is at fault itself.
 pub(super) fn unknown(error: &RegistryError) -> Failure {
     match error {
         RegistryError::Unknown { .. } | RegistryError::Twice { .. } => Failure::usage(error, ""),
+        RegistryError::Process { .. } => Failure::failed(error, ""),
         _ => Failure::bad_input(error, ""),
     }
 }
@@ -55,7 +56,7 @@ pub(super) fn unknown(error: &RegistryError) -> Failure {
 /// Scores the models, with a progress bar on a terminal.
 pub(super) fn scored(models: &[Model], set: &Set) -> Result<Scored, Failure> {
     let progress = StepProgress::of("lab", work(models, set));
-    score(models, set, &|| progress.step()).map_err(|error| Failure::bad_input(error, ""))
+    score(models, set, &|| progress.step()).map_err(|error| unknown(&error))
 }
 
 /// Scores the models on the shard's sequences, and writes what the merge needs.
@@ -69,8 +70,7 @@ pub(super) fn write_shard(
 ) -> Result<(), Failure> {
     let owned = owned(std::slice::from_ref(set), shard).concat();
     let progress = StepProgress::of("lab", work(models, set));
-    let runs =
-        runs(models, set, &owned, &|| progress.step()).map_err(|error| Failure::bad_input(error, ""))?;
+    let runs = runs(models, set, &owned, &|| progress.step()).map_err(|error| unknown(&error))?;
     drop(progress);
     let names = models.iter().map(Model::to_string).collect();
     let run = TableRun { set: SetRun::of(set), models: names, networks: networks(models), by_label };

@@ -46,7 +46,8 @@ pub(crate) struct Table1Args {
     #[arg(long)]
     strict: bool,
 
-    /// Models, comma-separated [default: all]
+    /// Models, comma-separated; also lstm:FILE.safetensors, and external:COMMAND, a predictor of your own in
+    /// another program (a comma ends a name): docs/extend/process.md [default: all]
     #[arg(long, value_name = "NAMES")]
     models: Option<String>,
 

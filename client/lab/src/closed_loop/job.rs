@@ -6,10 +6,14 @@ use super::arm::FREE_GAIN;
 use super::baseline::{BaselineDesk, baseline_settings};
 use super::pareto::{Tuning, scale_gains, soften};
 use super::{BenchArm, BenchRow, Each, Flaws, Hand, Rival, SequenceScore, rows};
-use crate::experiments::{ClosedLoop, Desk, DeskOptions, RunError, WAIT_S, desk, learner_for, settings_for};
+use crate::experiments::{
+    ClosedLoop, Desk, DeskOptions, OtherPredictor, RunError, WAIT_S, desk, learner_for, settings_for,
+};
 use crate::parallel;
+use crate::process::{PATIENCE, command_of};
 use foretrace_control::estimate::LawParameters;
 use foretrace_control::predict::PredictorKind;
+use foretrace_control::trust::TrustRequest;
 
 /// A benchmark that could not be run.
 #[derive(Debug, thiserror::Error)]
@@ -206,6 +210,7 @@ impl Benchmark<'_> {
         let facts = arm.facts();
         let (kind, trust) = match job.rival {
             Rival::Law(law) => (law.predictor(), law.trust()),
+            Rival::External(_) => (PredictorKind::EXTERNAL, TrustRequest::Auto),
             Rival::Baseline(kind) | Rival::Legal(kind) => {
                 let law = settings_for(self.config, &facts, PredictorKind::HOLD);
                 let settings = match job.tuning {
@@ -233,10 +238,23 @@ impl Benchmark<'_> {
             Tuning::Default | Tuning::Baseline(_) => job.arm.sharpen(&mut settings, FREE_GAIN),
         }
         let horizon = self.config.settings().mpc.horizon;
-        let learner = learner_for(self.config, &settings, kind).map_err(|error| wrong(&error))?;
+        // The one that stands in learns beside the other program.
+        let learns = if kind == PredictorKind::EXTERNAL { settings.preview.fallback } else { kind };
+        let learner = learner_for(self.config, &settings, learns).map_err(|error| wrong(&error))?;
+        let process = self.process(job, settings.pen.step_ns)?;
         let arm = arm.built(self.config.robot().home);
-        let options = DeskOptions { arm, oracle: kind == PredictorKind::ORACLE, learner };
+        let options = DeskOptions { arm, oracle: kind == PredictorKind::ORACLE, learner, process };
         Ok(desk(horizon, &settings, options).map_err(|error| wrong(&error))?)
+    }
+
+    /// The predictor in another program, one for each hand.
+    fn process(&self, job: &Job<'_>, step_ns: u64) -> Result<Option<OtherPredictor>, BenchError> {
+        let Some(command) = command_of(job.rival.name()) else { return Ok(None) };
+        let Hand { file, writer, .. } = job.hand;
+        let hand = if writer.is_empty() { file.clone() } else { format!("{file}, {writer}") };
+        let started = OtherPredictor::start(command, step_ns, hand, PATIENCE);
+        let wrong = |error| BenchError::Settings(format!("{}: {error}", job.rival.name()));
+        started.map(Some).map_err(wrong)
     }
 }
 

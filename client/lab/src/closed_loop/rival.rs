@@ -4,6 +4,7 @@ use foretrace_control::predict::PredictorKind;
 
 use crate::baselines::BaselineKind;
 use crate::experiments::LawEntrant;
+use crate::process::{EXTERNAL, command_of};
 
 /// A row of the benchmark.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -14,11 +15,13 @@ pub enum Rival {
     Baseline(BaselineKind),
     /// The same, with commands inside the limits of an arm that has some.
     Legal(BaselineKind),
+    /// The daemon with the predictor of another program, of this name, and automatic trust.
+    External(&'static str),
 }
 
 /// An unknown name.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("no predictor is called {name:?}; there are {}{}", known.join(" "), PredictorKind::renamed(name))]
+#[error("no predictor is called {name:?}; there are {} and {EXTERNAL}COMMAND{}", known.join(" "), PredictorKind::renamed(name))]
 pub struct UnknownRival {
     pub name: String,
     pub known: Vec<&'static str>,
@@ -54,6 +57,7 @@ impl Rival {
             Self::Law(LawEntrant::Believed(PredictorKind::HOLD)) => "hold-trust1",
             Self::Law(LawEntrant::Believed(PredictorKind::MIXTURE)) => "mixture-trust1",
             Self::Law(LawEntrant::Believed(other)) => other.name(),
+            Self::External(name) => name,
         }
     }
 
@@ -62,6 +66,10 @@ impl Rival {
     /// # Errors
     /// An unknown name.
     pub fn named(name: &str) -> Result<Self, UnknownRival> {
+        if command_of(name).is_some() {
+            // One for each row of a table: too few to free them.
+            return Ok(Self::External(name.to_owned().leak()));
+        }
         let known = || Self::all().chain(BaselineKind::ALL.map(Self::Legal));
         known()
             .find(|rival| rival.name() == name)

@@ -5,11 +5,12 @@ use super::{BenchRow, Rival};
 /// The table for people.
 pub fn table_lines(rows: &[BenchRow]) -> Vec<String> {
     let mut lines = Vec::new();
+    let wide = rows.iter().map(|row| row.predictor.chars().count()).max().unwrap_or(0).max(18);
     let optional = |value: Option<f64>, factor: f64, digits: usize| {
         value.map_or_else(|| "-".to_owned(), |value| format!("{:.digits$}", value * factor))
     };
     lines.push(format!(
-        "{:<18} {:<8} {:>10} {:>8} {:>10} {:>10} {:>10} {:>8} {:>8} {:>9} {:>6} {:>9} {:>7} {:>8}",
+        "{:<wide$} {:<8} {:>10} {:>8} {:>10} {:>10} {:>10} {:>8} {:>8} {:>9} {:>6} {:>9} {:>7} {:>8}",
         "predictor",
         "arm",
         "mse m²",
@@ -28,7 +29,7 @@ pub fn table_lines(rows: &[BenchRow]) -> Vec<String> {
     for row in rows {
         let hold = rows.iter().find(|other| other.arm == row.arm && other.predictor == Rival::HOLD.name());
         lines.push(format!(
-            "{:<18} {:<8} {:>10.3e} {:>8} {:>10.3e} {:>10.3e} {:>10} {:>8.1} {:>8.1} {:>9.1} {:>6.1} {:>9.1} \
+            "{:<wide$} {:<8} {:>10.3e} {:>8} {:>10.3e} {:>10.3e} {:>10} {:>8.1} {:>8.1} {:>9.1} {:>6.1} {:>9.1} \
              {:>7} {:>8}",
             row.predictor,
             row.arm,

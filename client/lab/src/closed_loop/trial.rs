@@ -112,7 +112,7 @@ impl Trial<'_> {
         self.like.fit(self.config, &mut settings);
         self.like.sharpen(&mut settings, FREE_GAIN);
         let learner = learner_for(self.config, &settings, kind).map_err(|error| wrong(&error))?;
-        let options = DeskOptions { arm, oracle: kind == PredictorKind::ORACLE, learner };
+        let options = DeskOptions { arm, oracle: kind == PredictorKind::ORACLE, learner, process: None };
         let mut desk = desk(self.config.settings().mpc.horizon, &settings, options)?;
         let mut observer = Observer {
             asked: self.stop_at_s,

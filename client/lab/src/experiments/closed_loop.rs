@@ -3,6 +3,7 @@
 //! Contract: deterministic. Samples reach the loop at the first tick at or after their stamp, as over shared
 //! memory with no delay, or later by a constant age, as over a network. The learner, if there is one, takes
 //! each closed step at once, and its weights take effect at the next tick.
+//! What another program predicts after a step arrives before the next tick, however long that takes.
 
 use foretrace_control::contact::EffortUnit;
 use foretrace_control::follower::{
@@ -11,7 +12,7 @@ use foretrace_control::follower::{
 };
 use foretrace_control::learn::Learner;
 use foretrace_control::pen::PenReading;
-use foretrace_control::predict::{OnlineWeights, Oracle};
+use foretrace_control::predict::{ExternalPreview, OnlineWeights, Oracle};
 use foretrace_control::stop::{StopDetail, StopReason};
 use foretrace_control::units::Stamp;
 use foretrace_sim::arm::JOINTS;
@@ -19,6 +20,8 @@ use foretrace_sim::metrics::ToolSample;
 use foretrace_sim::path::PathSample;
 
 use super::desk_arm::{ArmError, DeskArm, Measured, exceeds};
+use super::other_program::OtherPredictor;
+use crate::process::ProcessError;
 
 /// What happened in one tick, in the plane frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -62,6 +65,9 @@ pub enum RunError {
     /// The arm cannot go on.
     #[error("{0}")]
     Arm(ArmError),
+    /// The predictor in another program cannot go on.
+    #[error(transparent)]
+    Process(#[from] ProcessError),
     /// No path.
     #[error("the pen path has no samples")]
     Empty,
@@ -87,6 +93,8 @@ pub struct DeskOptions {
     /// Know the recorded future.
     pub oracle: bool,
     pub learner: Option<Learner>,
+    /// The predictor in another program, where `external` is chosen.
+    pub process: Option<OtherPredictor>,
 }
 
 /// A loop and its arm that write one path after the other: between them only the loop's own reset for an
@@ -183,6 +191,9 @@ struct LoopDesk<const N: usize> {
     measured: Measured,
     learner: Option<Learner>,
     promoted: Option<Box<OnlineWeights>>,
+    process: Option<OtherPredictor>,
+    /// It came since the last tick.
+    preview: Option<ExternalPreview>,
     oracle: bool,
     armed: bool,
     now: Stamp,
@@ -206,6 +217,8 @@ impl<const N: usize> LoopDesk<N> {
             arm: options.arm,
             learner: options.learner,
             promoted: None,
+            process: options.process,
+            preview: None,
             oracle: options.oracle,
             armed: false,
             pen_age_ns: 0,
@@ -217,13 +230,14 @@ impl<const N: usize> LoopDesk<N> {
     fn tick(&mut self, due: &[PenReading], request: Option<Request>) -> Result<StepOutput<JOINTS>, RunError> {
         let joints = self.measured.reading();
         let efforts = self.effort.map(|unit| self.measured.efforts(unit));
-        let promoted = self.promoted.take();
+        let (promoted, preview) = (self.promoted.take(), self.preview.take());
         let input = StepInput {
             pen: due,
             joints: Some(&joints),
             effort: efforts.as_ref(),
             request: if self.armed { request } else { Some(Request::Arm) },
             weights: promoted.as_deref(),
+            preview: preview.as_ref(),
             ..StepInput::nothing(self.now)
         };
         let output = self.follower.step(&input, Budget::default(), &mut NoClock);
@@ -236,6 +250,11 @@ impl<const N: usize> LoopDesk<N> {
                 if learner.learn(step).hand_over {
                     self.promoted = Some(Box::new(*learner.weights()));
                 }
+            }
+        }
+        if let Some(process) = &mut self.process {
+            for step in output.learn.iter().take(output.learn_count) {
+                self.preview = process.tell(step, output.preview_steps)?.or(self.preview);
             }
         }
         self.now = self.now + self.follower.settings().period_ns;

@@ -155,7 +155,8 @@ fn row(
     settings.trust_request = entrant.trust();
     let learner = learner_for(config, &settings, predictor)?;
     let arm_built = kind.built(config.robot().home);
-    let options = DeskOptions { arm: arm_built, oracle: predictor == PredictorKind::ORACLE, learner };
+    let options =
+        DeskOptions { arm: arm_built, oracle: predictor == PredictorKind::ORACLE, learner, process: None };
     let mut desk = desk(config.settings().mpc.horizon, &settings, options)
         .map_err(|error| ExperimentError::Settings(error.to_string()))?;
     let mut scores = Vec::with_capacity(letters.len());

@@ -60,7 +60,7 @@ pub fn fig3(
     let step_s = settings.pen.step_ns as f64 * 1e-9;
     let learner = learner_for(config, &settings, kind)?;
     let arm = ArmKind::Ideal.built(config.robot().home);
-    let options = DeskOptions { arm, oracle: kind == PredictorKind::ORACLE, learner };
+    let options = DeskOptions { arm, oracle: kind == PredictorKind::ORACLE, learner, process: None };
     let mut desk = desk(config.settings().mpc.horizon, &settings, options)
         .map_err(|error| ExperimentError::Settings(error.to_string()))?;
     let mut out = Vec::new();

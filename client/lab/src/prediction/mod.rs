@@ -9,6 +9,7 @@ mod set;
 mod model;
 mod scaled;
 mod network;
+mod external;
 mod of_the_loop;
 mod registry;
 mod score;
@@ -19,6 +20,7 @@ mod symbols;
 pub mod table;
 pub mod lead_time;
 
+pub use crate::process::EXTERNAL;
 pub use by_label::{
     Correlation, LabelRow, MIN_SEQUENCES, by_label, correlations, curviness_of, gains, glyph_height,
 };

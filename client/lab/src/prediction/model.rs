@@ -6,6 +6,8 @@
 
 use foretrace_control::predict::{ConstantVelocity, Hold, OnlineModel, Predictor};
 
+use crate::process::ProcessError;
+
 /// A predictor that takes part in a table.
 pub trait Contestant: Send {
     /// Forgets the history; parameters carry over.
@@ -20,6 +22,11 @@ pub trait Contestant: Send {
 
     /// Training is over; a model that does not learn on the scored set stops learning.
     fn end_training(&mut self) {}
+
+    /// Asked at the end of a sequence: why a model in another program could not predict all of it.
+    fn failure(&self) -> Option<ProcessError> {
+        None
+    }
 }
 
 /// A predictor of the control law that reads raw units as they come.

@@ -19,12 +19,15 @@ use foretrace_control::predict::{
     DybmWeights, LstmWeights, ModelsError, Optimiser, PredictorKind, WeightsError,
 };
 
+use super::CharacterSequence;
 use super::Set;
+use super::external::OtherProgram;
 use super::model::{Contestant, OnScoredSet, Online, constant_velocity, zero};
 use super::network::network;
 use super::of_the_loop::{of_the_loop, others};
 use super::retrain::Retrained;
 use super::scaled::Scaled;
+use crate::process::{EXTERNAL, PATIENCE, ProcessError, command_of};
 
 /// The baseline of PS-B.
 pub const CONSTANT_VELOCITY: &str = "constant-velocity";
@@ -80,7 +83,7 @@ impl Setting {
 pub enum RegistryError {
     /// No model of that name.
     #[error("no model is called {name:?}; legal: {}, \
-             {LSTM_FILE}FILE.safetensors{}", names().join(", "), PredictorKind::renamed(name))]
+             {LSTM_FILE}FILE.safetensors, {EXTERNAL}COMMAND{}", names().join(", "), PredictorKind::renamed(name))]
     Unknown { name: String },
     /// A name stands twice.
     #[error("model {name:?} is named twice; name each model once")]
@@ -91,6 +94,14 @@ pub enum RegistryError {
     /// A network that cannot be loaded.
     #[error(transparent)]
     Network(#[from] models::ModelError),
+    /// Another program that cannot go on.
+    #[error("{model}{place}: {error}")]
+    Process {
+        model: String,
+        /// The sequence, where one was begun.
+        place: String,
+        error: ProcessError,
+    },
 }
 
 #[derive(Debug, Clone, PartialEq)]
@@ -107,6 +118,8 @@ enum ModelKind {
     /// As the loop has it, from the registry of the control law.
     OfTheLoop(PredictorKind),
     Retrained(Arc<LstmModel>, f64),
+    /// Another program, by its command.
+    External(String),
 }
 
 const TABLE: [(&str, ModelKind); 11] = [
@@ -159,13 +172,15 @@ impl Model {
         names().into_iter().filter_map(|name| Self::named(name).ok()).collect()
     }
 
-    /// The model of that name; `lstm:FILE` is loaded.
+    /// The model of that name; `lstm:FILE` is loaded, `external:COMMAND` started when it is built.
     ///
     /// # Errors
     /// No such model (the message lists the legal names), or a file that is not a network.
     pub fn named(name: &str) -> Result<Self, RegistryError> {
         let kind = if let Some(file) = name.strip_prefix(LSTM_FILE) {
             Some(ModelKind::File(Arc::new(LstmModel::load(Path::new(file))?)))
+        } else if let Some(command) = command_of(name) {
+            Some(ModelKind::External(command.to_owned()))
         } else if names().contains(&name) {
             rows().find(|(known, _)| *known == name).map(|(_, kind)| kind)
         } else {
@@ -238,7 +253,8 @@ impl Model {
             | ModelKind::OfTheLoop(_)
             | ModelKind::Shipped
             | ModelKind::File(_)
-            | ModelKind::Retrained(..) => 0,
+            | ModelKind::Retrained(..)
+            | ModelKind::External(_) => 0,
         }
     }
 
@@ -301,8 +317,30 @@ impl Model {
                 network(&model, setting, &mut notes)
             }
             ModelKind::File(model) | ModelKind::Retrained(model, _) => network(model, setting, &mut notes),
+            ModelKind::External(command) => Box::new(
+                OtherProgram::start(command, setting.step_ns, PATIENCE)
+                    .map_err(|error| self.failed(String::new(), error))?,
+            ),
         };
         Ok((contestant, (!notes.is_empty()).then(|| notes.join("; "))))
+    }
+
+    /// Whether `contestant`, built from this, could predict all of `sequence`.
+    ///
+    /// # Errors
+    /// Another program that cannot go on.
+    pub(super) fn check(
+        &self,
+        contestant: &dyn Contestant,
+        sequence: &CharacterSequence,
+    ) -> Result<(), RegistryError> {
+        let Some(error) = contestant.failure() else { return Ok(()) };
+        let CharacterSequence { file, segment, label, .. } = sequence;
+        Err(self.failed(format!(", {file}, character {segment} ({label:?})"), error))
+    }
+
+    fn failed(&self, place: String, error: ProcessError) -> RegistryError {
+        RegistryError::Process { model: self.name.clone(), place, error }
     }
 }
 

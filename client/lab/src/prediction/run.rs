@@ -177,7 +177,7 @@ impl Scored {
 /// Trains one model and scores it on the sequences that are `owned`; those before them it observes.
 ///
 /// # Errors
-/// The model cannot be built for this set.
+/// The model cannot be built for this set, or is another program that cannot go on.
 pub fn run(model: &Model, set: &Set, owned: &[bool], done: &(dyn Fn() + Sync)) -> Result<Run, RegistryError> {
     let (mut contestant, note) = model.build(&Setting::of(set))?;
     let passes = if set.cold { 0 } else { model.passes() };
@@ -195,6 +195,7 @@ pub fn run(model: &Model, set: &Set, owned: &[bool], done: &(dyn Fn() + Sync)) -
             contestant.start_sequence();
             sequence.v.iter().for_each(|v| contestant.observe(*v));
         }
+        model.check(&*contestant, sequence)?;
         done();
     }
     (needed..set.scored.len()).for_each(|_| done());

@@ -14,6 +14,7 @@ mod odd_joints;
 mod paper_law;
 mod prediction_tables;
 mod preset_edges;
+mod process;
 #[path = "../../../sim/tests/sim/shared.rs"]
 mod shared;
 mod soak;

@@ -118,6 +118,10 @@ pub(super) fn run(
 fn one_law(rivals: &[Rival]) -> Result<LawEntrant, Failure> {
     match rivals {
         [Rival::Law(law)] => Ok(*law),
+        [Rival::External(name)] => Err(Failure::usage(
+            format_args!("{name}: --arm-socket, --stop-at and --ticks take no predictor of another program"),
+            "leave them out, or name hold or mixture",
+        )),
         [_] => Err(Failure::usage("a baseline has no stops and no ticks of the law", "name hold or mixture")),
         _ => Err(Failure::usage(
             "--arm-socket, --stop-at and --ticks are for one predictor",

@@ -2,7 +2,7 @@
 
 use super::super::Set;
 use super::super::model::Contestant;
-use super::super::registry::Setting;
+use super::super::registry::{Model, RegistryError, Setting};
 use super::super::run::train;
 use super::LEADS_MS;
 use super::bands::Bands;
@@ -44,7 +44,7 @@ pub(super) fn predict(
         Entrant::Model(model) => {
             let (mut contestant, note) = model.build(&Setting::of(set))?;
             train(&mut *contestant, &set.train, if set.cold { 0 } else { model.passes() }, &|| ());
-            (LeadAnswers::Here(walk(&mut *contestant, set, targets, owned)), note)
+            (LeadAnswers::Here(walk(model, &mut *contestant, set, targets, owned)?), note)
         }
         Entrant::File { predictions, .. } => {
             let Some(all) = predictions.answers(&set.name, &set.scored, targets)? else { return Ok(None) };
@@ -73,7 +73,13 @@ impl Predicted {
 }
 
 /// Lets a model observe the set up to its last owned sequence, and predict at every instant of those.
-fn walk(contestant: &mut dyn Contestant, set: &Set, targets: &Targets, owned: &[bool]) -> Vec<[f64; 2]> {
+fn walk(
+    model: &Model,
+    contestant: &mut dyn Contestant,
+    set: &Set,
+    targets: &Targets,
+    owned: &[bool],
+) -> Result<Vec<[f64; 2]>, RegistryError> {
     let mut predictions = Vec::new();
     let mut instants = targets.instants.iter().peekable();
     let (mut steps, mut path): (Vec<[f64; 2]>, Vec<[f64; 2]>) = (Vec::new(), Vec::new());
@@ -96,8 +102,9 @@ fn walk(contestant: &mut dyn Contestant, set: &Set, targets: &Targets, owned: &[
             let ahead = |lead| between(&path, targets.steps_ahead(index, lead)).unwrap_or([f64::NAN; 2]);
             predictions.extend(instant.scored().map(ahead));
         }
+        model.check(contestant, sequence)?;
     }
-    predictions
+    Ok(predictions)
 }
 
 /// Scores displacements that stand in the order of the targets, with bands that learn from them.
