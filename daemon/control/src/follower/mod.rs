@@ -41,7 +41,7 @@ use trust::{Evidence, TrustStage};
 use watch::ModeWatch;
 
 use crate::estimate::{Estimate, RefinedPreview};
-use crate::predict::{OnlineWeights, Oracle, Previewer};
+use crate::predict::{OnlineWeights, Oracle, PlanLeads, Previewer};
 use crate::reference::Reference;
 use crate::units::Stamp;
 
@@ -177,7 +177,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
             weights: input.weights,
             external: input.preview,
             trust: self.trust.alpha(),
-            steps: ahead.steps,
+            leads: PlanLeads { nearest: ahead.nearest_lead, farthest: ahead.steps },
         };
         let predicted = self.prediction.update(&mut self.preview, &news, &mut health);
         // Estimate: what past previews were worth, and what the newest sample changes in this one.

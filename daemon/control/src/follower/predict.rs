@@ -4,7 +4,7 @@ use super::io::{Health, MAX_STEPS_PER_TICK, Refusal};
 use crate::estimate::{PreviewSource, RefinedPreview};
 use crate::pen::{GridStep, Motion};
 use crate::predict::{
-    ExternalPreview, ExternalReport, LearnStep, OnlineWeights, Oracle, PredictorKind, Previewer,
+    ExternalPreview, ExternalReport, LearnStep, OnlineWeights, Oracle, PlanLeads, PredictorKind, Previewer,
 };
 use crate::state::state;
 use crate::units::Trust;
@@ -71,8 +71,8 @@ pub(super) struct PredictionInput<'a> {
     pub(super) external: Option<&'a ExternalPreview>,
     /// Trust in the preview; another predictor takes over at 0.
     pub(super) trust: Trust,
-    /// How far the plan looks.
-    pub(super) steps: usize,
+    /// What the plan looks at.
+    pub(super) leads: PlanLeads,
 }
 
 impl Prediction {
@@ -134,18 +134,18 @@ impl Prediction {
         input: &PredictionInput<'_>,
         health: &mut Health,
     ) -> PredictionReport {
-        let PredictionInput { closed, weights, external, trust, steps } = *input;
+        let PredictionInput { closed, weights, external, trust, leads } = *input;
         let weights_refused = weights.map(|weights| self.previewer.set_weights(weights).is_err());
         if weights_refused == Some(true) {
             health.set(Health::WEIGHTS_REFUSED);
         }
         let pending = if trust.alpha() > 0.0 { None } else { self.pending.take() };
         let switched = pending.is_some_and(|kind| self.previewer.choose(kind).is_ok());
-        let verdict = external.and_then(|external| self.previewer.take(external, steps));
+        let verdict = external.and_then(|external| self.previewer.take(external, leads));
         let taken = verdict == Some(Ok(()));
         if closed || weights.is_some() || switched || taken {
-            self.previewer.prepare(weights.is_some());
-            preview.refresh(&self.previewer, steps);
+            self.previewer.prepare(leads, weights.is_some());
+            preview.refresh(&self.previewer, leads.farthest);
         }
         if !preview.finite {
             health.set(Health::PREDICTOR_INVALID);

@@ -12,7 +12,7 @@ use crate::state::state;
 use thiserror::Error;
 
 use super::bands::{self, BandTable, PreviewBands};
-use super::external::{External, ExternalPreview, ExternalReport, MOST_LATE, PreviewRefusal};
+use super::external::{External, ExternalPreview, ExternalReport, MOST_LATE, PlanLeads, PreviewRefusal};
 use super::online::WeightsError;
 use super::{MAX_PREVIEW, Models, Needs, OnlineWeights, Oracle, Panel, PredictorKind, RollOut};
 use crate::pen::{GridStep, Motion, PenError, SpeedScale, SpeedScaleSettings, TARGET_RMS};
@@ -216,24 +216,32 @@ impl Previewer {
         step
     }
 
-    /// Takes over what another process predicted, `steps` of which the plan looks at; says why if it is not
-    /// used. `None`: it was not asked, another predictor is active.
-    pub fn take(&mut self, preview: &ExternalPreview, steps: usize) -> Option<Result<(), PreviewRefusal>> {
+    /// Takes over what another process predicted for a plan that looks at `leads`; says why if it is not used.
+    /// `None`: it was not asked, another predictor is active.
+    pub fn take(
+        &mut self,
+        preview: &ExternalPreview,
+        leads: PlanLeads,
+    ) -> Option<Result<(), PreviewRefusal>> {
         let limit_m = self.limit() * self.scale.metres_per_unit();
         let asked = self.active == PredictorKind::EXTERNAL;
-        asked.then(|| self.external.take(preview, steps, limit_m))
+        asked.then(|| self.external.take(preview, leads, limit_m))
     }
 
     /// Before previews of another process, where they are asked for: what stands in for them after the newest
-    /// step, made once per step, or `again` with other weights.
-    pub fn prepare(&mut self, again: bool) {
-        if self.active != PredictorKind::EXTERNAL || (self.external.fallback().is_some() && !again) {
+    /// step, made once per step, or `again` with other weights, as far as a plan that looks at `leads` needs.
+    pub fn prepare(&mut self, leads: PlanLeads, again: bool) {
+        let steps = leads.farthest.min(MAX_PREVIEW);
+        let enough = self.external.fallback().is_some_and(|(known, _)| known.len() >= steps);
+        if self.active != PredictorKind::EXTERNAL || (enough && !again) {
             return;
         }
+        let Some(from) = self.newest.map(|step| step.position) else { return };
         let mut positions = [[0.0; 2]; MAX_PREVIEW];
-        if self.preview_of(self.settings.fallback, &mut positions).is_some() {
-            self.external.stand_in(&positions);
-        }
+        let wanted = positions.get_mut(..steps).unwrap_or_default();
+        let (kind, scale_m) = (self.settings.fallback, self.scale.metres_per_unit());
+        let made = self.panel.roll_out(kind, self.limit(), scale_m, from, wanted);
+        self.external.stand_in(wanted, made, leads);
     }
 
     /// What became of another process's previews; `verdict` of the one that came in this tick.
@@ -257,9 +265,9 @@ impl Previewer {
         let kind = if external { self.settings.fallback } else { kind };
         let RollOut { finite, limited } = match self.external.fallback().filter(|_| external) {
             // Made after this step already.
-            Some(known) if out.len() <= known.len() => {
+            Some((known, made)) if out.len() <= known.len() => {
                 out.iter_mut().zip(known).for_each(|(slot, position)| *slot = *position);
-                RollOut { finite: true, limited: 0 }
+                made
             }
             _ => self.panel.roll_out(kind, self.limit(), scale_m, newest.position, out),
         };
