@@ -12,6 +12,7 @@
 //! Contract: fixed size, no allocation after construction, total. In a tick `Estimate::update` comes after
 //! the prediction, `Estimate::refine` after that.
 
+mod beside;
 mod parameters;
 mod preview;
 
@@ -23,6 +24,7 @@ mod share;
 use crate::pen::PenReading;
 use crate::predict::LearnStep;
 use crate::state::state;
+pub(crate) use beside::Estimates;
 pub use parameters::{LawParameters, Number};
 pub(crate) use preview::RefinedPreview;
 
@@ -51,6 +53,18 @@ pub(crate) struct Estimate {
 }
 
 state! { [] Estimate { record, refiner } }
+
+/// Into the memory that is there: ticks allocate nothing.
+impl Clone for Estimate {
+    fn clone(&self) -> Self {
+        Self { record: self.record.clone(), refiner: self.refiner.clone() }
+    }
+
+    fn clone_from(&mut self, other: &Self) {
+        self.record.clone_from(&other.record);
+        self.refiner.clone_from(&other.refiner);
+    }
+}
 
 impl Estimate {
     /// Without evidence, on a grid of `step_ns` \[ns\]; Hold lags `feedback_lag_s` \[s\] behind the samples.

@@ -59,11 +59,25 @@ impl RefinedPreview {
 
     /// Computes the preview again, `steps` far if there is room.
     pub(crate) fn refresh(&mut self, previewer: &Previewer, steps: usize) {
+        self.refresh_by(previewer, steps, Previewer::preview);
+    }
+
+    /// The same, of the predictor that stands in for another process.
+    pub(crate) fn stand_in(&mut self, previewer: &Previewer, steps: usize) {
+        self.refresh_by(previewer, steps, Previewer::preview_standing_in);
+    }
+
+    fn refresh_by(
+        &mut self,
+        previewer: &Previewer,
+        steps: usize,
+        predict: impl FnOnce(&Previewer, &mut [[f64; 2]]) -> Option<PreviewReport>,
+    ) {
         self.steps = steps.min(self.most);
         let Some((first, rest)) = self.path.split_first_mut() else { return };
         let Some(predicted) = rest.get_mut(..self.steps) else { return };
         if let Some(PreviewReport { base_index, base_position, finite, bands, .. }) =
-            previewer.preview(predicted)
+            predict(previewer, predicted)
         {
             *first = base_position;
             self.velocity = previewer.newest().map_or([0.0; 2], |step| step.displacement);

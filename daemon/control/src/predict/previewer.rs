@@ -259,31 +259,58 @@ impl Previewer {
 
     /// As `preview`, with any of the predictors.
     pub fn preview_of(&self, kind: PredictorKind, out: &mut [[f64; 2]]) -> Option<PreviewReport> {
+        if kind != PredictorKind::EXTERNAL {
+            return self.built_in(kind, out);
+        }
+        let mut report = self.preview_standing_in(out)?;
+        self.external.blend(out);
+        report.bands = report.bands.or_given(|lead| self.external.radius(lead));
+        Some(report)
+    }
+
+    /// As `preview`, with the built-in predictor that stands in for another process.
+    pub fn preview_standing_in(&self, out: &mut [[f64; 2]]) -> Option<PreviewReport> {
+        let newest = self.newest?;
+        match self.external.fallback() {
+            // Made after this step already.
+            Some((known, RollOut { finite, limited })) if out.len() <= known.len() => {
+                out.iter_mut().zip(known).for_each(|(slot, position)| *slot = *position);
+                let bands = self.bands_of(self.settings.fallback);
+                Some(PreviewReport {
+                    base_index: newest.index,
+                    base_position: newest.position,
+                    finite,
+                    limited,
+                    bands,
+                })
+            }
+            _ => self.built_in(self.settings.fallback, out),
+        }
+    }
+
+    /// Another process has a part in the preview in force.
+    #[must_use]
+    pub fn is_shared(&self) -> bool {
+        self.active == PredictorKind::EXTERNAL && self.external.has_part()
+    }
+
+    fn built_in(&self, kind: PredictorKind, out: &mut [[f64; 2]]) -> Option<PreviewReport> {
         let newest = self.newest?;
         let scale_m = self.scale.metres_per_unit();
-        let external = kind == PredictorKind::EXTERNAL;
-        let kind = if external { self.settings.fallback } else { kind };
-        let RollOut { finite, limited } = match self.external.fallback().filter(|_| external) {
-            // Made after this step already.
-            Some((known, made)) if out.len() <= known.len() => {
-                out.iter_mut().zip(known).for_each(|(slot, position)| *slot = *position);
-                made
-            }
-            _ => self.panel.roll_out(kind, self.limit(), scale_m, newest.position, out),
-        };
-        let unit_m = scale_m * bands::level(self.level_square);
-        let mut bands = PreviewBands::new(*self.bands.of(kind), unit_m);
-        if external {
-            self.external.blend(out);
-            bands = bands.or_given(|lead| self.external.radius(lead));
-        }
+        let RollOut { finite, limited } =
+            self.panel.roll_out(kind, self.limit(), scale_m, newest.position, out);
         Some(PreviewReport {
             base_index: newest.index,
             base_position: newest.position,
             finite,
             limited,
-            bands,
+            bands: self.bands_of(kind),
         })
+    }
+
+    fn bands_of(&self, kind: PredictorKind) -> PreviewBands {
+        let unit_m = self.scale.metres_per_unit() * bands::level(self.level_square);
+        PreviewBands::new(*self.bands.of(kind), unit_m)
     }
 
     /// Makes another predictor active from the next preview on.

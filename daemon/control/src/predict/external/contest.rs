@@ -107,6 +107,13 @@ impl Contest {
         self.evidence
     }
 
+    /// Recent error of the fallback at `lead` steps, rms \[normalised, in the plane\]; the last beyond.
+    #[must_use]
+    pub fn spread(&self, lead: usize) -> f64 {
+        let spread = self.spreads.get(lead.clamp(1, LEADS) - 1);
+        spread.map_or(0.0, |spread| (spread.squares / spread.cases.max(1.0)).sqrt())
+    }
+
     /// What both predicted after the step that closed last; `None`: the external one predicted nothing.
     pub fn record(&mut self, pair: Option<Pair>) {
         self.newest = (self.newest + 1) % LEADS;

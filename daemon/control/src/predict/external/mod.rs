@@ -5,6 +5,10 @@
 //!
 //! p = p_fallback + w · (p_external − p_fallback),
 //!
+//! where the difference is at most [`DOUBT`] times the recent error of the fallback at its lead: what another
+//! process says is bounded by what the fallback may be wrong by. A hand that the fallback foresees leaves a lie
+//! no room, one that nothing foresees leaves the truth enough.
+//!
 //! with w rising and falling by a fixed amount per grid step, so that neither a loss nor a return moves the
 //! reference at once. w rises only while previews come in time and the [`Contest`] says that they are better
 //! than the fallback's. Trust, shares and corrections then judge the blend as any other preview.
@@ -29,6 +33,9 @@ pub(super) const ENTRY: Entry = Entry::external(
 const RISE: f64 = 0.1;
 /// Its fall per step.
 const FALL: f64 = 0.2;
+/// Largest difference to the fallback, in rms of its recent errors: of errors in two axes, one in fifty is
+/// larger.
+const DOUBT: f64 = 2.0;
 /// Grid steps whose positions are kept, and the most that a preview may be late.
 pub const MOST_LATE: u32 = 8;
 /// Displacements longer than this multiple of the bound on the built-in predictors' are refused; shorter ones
@@ -84,13 +91,15 @@ pub(super) struct External {
     answered: bool,
     /// What plans looked at when it was made.
     leads: PlanLeads,
+    /// Metres per normalised unit at the newest step.
+    unit_m: f64,
     weight: f64,
     contest: Contest,
 }
 
 state! {
     [] External {
-        moves, radii, radii_count, count, base, positions, first, newest, fallback, made, answered, leads,
+        moves, radii, radii_count, count, base, positions, first, newest, fallback, made, answered, leads, unit_m,
         weight, contest,
     }
     fixed { most_late }
@@ -112,6 +121,7 @@ impl External {
             made: None,
             answered: false,
             leads: PlanLeads { nearest: 1, farthest: BAND_LEADS },
+            unit_m: 0.0,
             weight: 0.0,
             contest: Contest::default(),
         }
@@ -137,7 +147,7 @@ impl External {
             *slot = step.position;
         }
         self.newest = Some(step.index);
-        (self.made, self.answered) = (None, false);
+        (self.made, self.answered, self.unit_m) = (None, false, step.scale_m);
         let wanted = self.contest.earned() && in_time && self.base.is_some();
         self.weight = (self.weight + if wanted { RISE } else { -FALL }).clamp(0.0, 1.0);
     }
@@ -209,10 +219,17 @@ impl External {
     /// part.
     pub(super) fn blend(&self, positions: &mut [[f64; 2]]) {
         let (Some(ahead), true) = (self.ahead(), self.weight > 0.0) else { return };
-        for ([x, y], [ex, ey]) in positions.iter_mut().zip(ahead) {
-            *x += self.weight * (ex - *x);
-            *y += self.weight * (ey - *y);
+        for (lead, ([x, y], [ex, ey])) in (1..).zip(positions.iter_mut().zip(ahead)) {
+            let most = DOUBT * self.contest.spread(lead) * self.unit_m;
+            let [dx, dy] = super::shortened([ex - *x, ey - *y], most);
+            *x += self.weight * dx;
+            *y += self.weight * dy;
         }
+    }
+
+    /// It has a part in the preview in force.
+    pub(super) fn has_part(&self) -> bool {
+        self.weight > 0.0 && self.ahead().is_some()
     }
 
     /// Radius \[m\] in which it expects the pen `lead` steps after the newest step, where it says so and its
