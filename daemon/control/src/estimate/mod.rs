@@ -109,6 +109,12 @@ impl Estimate {
         self.record.report(nearest, nearest + 1, saturated)
     }
 
+    /// Judges past previews by the grid steps that `closed`, where no new one was made.
+    pub(crate) fn judge(&mut self, closed: &[LearnStep], nearest: usize, saturated: f64) -> Worth {
+        self.record.judge(&mut self.refiner, closed);
+        self.record.report(nearest, nearest + 1, saturated)
+    }
+
     /// Corrects `preview` by the `newest` sample and shrinks it to the `shares` that past previews justify;
     /// without shares it is used as it is.
     pub(crate) fn refine(

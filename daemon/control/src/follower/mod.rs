@@ -181,7 +181,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         let (steps, nearest) = (closed.steps(), ahead.nearest_lead);
         let saturated = self.saturation.share();
         let (source, previewer) = (predicted.source(), self.prediction.previewer());
-        let made = (&self.preview, ahead.steps);
+        let made = (&self.preview, ahead.steps, predicted.renewed);
         let worth = self.estimate.update(steps, source, previewer, made, nearest, saturated);
         let follows = self.watch.follows();
         // No part of a preview is in use.
@@ -189,8 +189,8 @@ impl<const N: usize, const J: usize> Follower<N, J> {
             self.governor.release();
         }
         let governor = self.governor.share();
-        let shares = self.trust.per_step().then(|| worth.believed());
-        self.estimate.refine(&mut self.preview, pen.newest.as_ref(), shares.as_ref(), governor);
+        let per_step = self.trust.per_step();
+        self.estimate.refine(&mut self.preview, pen.newest.as_ref(), per_step, governor);
         // Trust: how much of the preview to use.
         let (pen_age_ns, record) = (pen.age_ns, worth.record);
         let trust = self.trust.update(&Evidence { follows, pen_age_ns, predicted, record });

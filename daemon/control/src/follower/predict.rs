@@ -46,6 +46,8 @@ pub(super) struct PredictionReport {
     pub(super) finite: bool,
     /// A preview of another process took the place of the one made when the newest step closed.
     replaced: bool,
+    /// The preview was made again in this tick.
+    pub(super) renewed: bool,
     /// What became of another process's previews, if they are asked for.
     pub(super) external: Option<ExternalReport>,
 }
@@ -143,7 +145,8 @@ impl Prediction {
         let switched = pending.is_some_and(|kind| self.previewer.choose(kind).is_ok());
         let verdict = external.and_then(|external| self.previewer.take(external, leads));
         let taken = verdict == Some(Ok(()));
-        if closed || weights.is_some() || switched || taken {
+        let renewed = closed || weights.is_some() || switched || taken;
+        if renewed {
             self.previewer.prepare(leads, weights.is_some());
             preview.refresh(&self.previewer, leads.farthest);
         }
@@ -157,6 +160,7 @@ impl Prediction {
             history: self.previewer.history(),
             finite: preview.finite,
             replaced: taken && !closed,
+            renewed,
             external: self.previewer.external(verdict),
         }
     }

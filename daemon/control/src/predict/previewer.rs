@@ -263,8 +263,15 @@ impl Previewer {
             return self.built_in(kind, out);
         }
         let mut report = self.preview_standing_in(out)?;
-        self.external.blend(out);
-        report.bands = report.bands.or_given(|lead| self.external.radius(lead));
+        let part = self.external.part();
+        let mut theirs = [[0.0; 2]; MAX_PREVIEW];
+        let theirs = theirs.get_mut(..out.len()).unwrap_or_default();
+        if part > 0.0 && self.preview_of_process(theirs).is_some() {
+            for ([x, y], [tx, ty]) in out.iter_mut().zip(theirs) {
+                (*x, *y) = (*x + part * (*tx - *x), *y + part * (*ty - *y));
+            }
+        }
+        report.bands = report.bands.or_given(|lead| self.external.radius(lead).filter(|_| part > 0.5));
         Some(report)
     }
 
@@ -288,10 +295,17 @@ impl Previewer {
         }
     }
 
-    /// Another process has a part in the preview in force.
+    /// As `preview`, with what another process predicts; `None`: it predicted nothing that could be carried on.
+    pub fn preview_of_process(&self, out: &mut [[f64; 2]]) -> Option<PreviewReport> {
+        let mut report = self.preview_standing_in(out)?;
+        report.bands = report.bands.or_given(|lead| self.external.radius(lead));
+        self.external.replace(out).then_some(report)
+    }
+
+    /// Its part in the preview in force, 0 to 1; `None`: another predictor is active.
     #[must_use]
-    pub fn is_shared(&self) -> bool {
-        self.active == PredictorKind::EXTERNAL && self.external.has_part()
+    pub fn part(&self) -> Option<f64> {
+        (self.active == PredictorKind::EXTERNAL).then(|| self.external.part())
     }
 
     fn built_in(&self, kind: PredictorKind, out: &mut [[f64; 2]]) -> Option<PreviewReport> {

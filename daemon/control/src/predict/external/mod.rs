@@ -215,28 +215,27 @@ impl External {
         Some((self.fallback.get(..count)?, roll_out))
     }
 
-    /// Moves `positions` \[m\], the fallback's after the newest step, towards the other process's by its
-    /// part.
-    pub(super) fn blend(&self, positions: &mut [[f64; 2]]) {
-        let (Some(ahead), true) = (self.ahead(), self.weight > 0.0) else { return };
+    /// Replaces `positions` \[m\], the fallback's after the newest step, by the other process's, as far as doubt
+    /// about the fallback allows; `false`: there are none.
+    pub(super) fn replace(&self, positions: &mut [[f64; 2]]) -> bool {
+        let Some(ahead) = self.ahead() else { return false };
         for (lead, ([x, y], [ex, ey])) in (1..).zip(positions.iter_mut().zip(ahead)) {
             let most = DOUBT * self.contest.spread(lead) * self.unit_m;
             let [dx, dy] = super::shortened([ex - *x, ey - *y], most);
-            *x += self.weight * dx;
-            *y += self.weight * dy;
+            (*x, *y) = (*x + dx, *y + dy);
         }
+        true
     }
 
-    /// It has a part in the preview in force.
-    pub(super) fn has_part(&self) -> bool {
-        self.weight > 0.0 && self.ahead().is_some()
+    /// w, while there is something of it to be followed.
+    pub(super) fn part(&self) -> f64 {
+        if self.age().is_some() { self.weight } else { 0.0 }
     }
 
-    /// Radius \[m\] in which it expects the pen `lead` steps after the newest step, where it says so and its
-    /// part is the larger.
+    /// Radius \[m\] in which it expects the pen `lead` steps after the newest step, where it says so.
     pub(super) fn radius(&self, lead: f64) -> Option<f64> {
         let at = lead + f64::from(self.age()?);
-        if self.weight <= 0.5 || !(at >= 1.0) {
+        if !(at >= 1.0) {
             return None;
         }
         let radii = self.radii.get(..self.radii_count)?;
