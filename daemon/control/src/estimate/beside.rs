@@ -76,7 +76,12 @@ impl Estimates {
             self.theirs.judge(closed, nearest, saturated)
         };
         self.their_shares = theirs.believed();
-        if part >= 0.5 { theirs } else { own }
+        let mut worth = if part >= 0.5 { theirs } else { own };
+        // Whoever loses to the fallback goes in a few steps: trust is to end where neither is better than Hold.
+        if part > 0.0 {
+            worth.record.evidence = own.record.evidence.max(theirs.record.evidence);
+        }
+        worth
     }
 
     /// Corrects and shrinks the `preview` in force by the `newest` sample, each lead by its share where `per_step`.

@@ -23,6 +23,8 @@ const GAIN: f64 = 0.2 * MOST;
 const EARNED: f64 = 5.0;
 /// Memory of the fallback's squared error \[cases\]: two seconds of motion.
 const MEMORY: f64 = 200.0;
+/// Cases by which doubt about the fallback is judged: it may end as soon as the fallback has learned a hand.
+const SOON: f64 = 30.0;
 /// Cases of a hand not seen yet: errors of a fifth of the way.
 const FIRST: f64 = 5.0;
 /// The first wait \[steps of motion\]; it doubles up to [`LONGEST`].
@@ -51,9 +53,11 @@ struct Spread {
     /// Sum of squares \[normalised²\], and of cases.
     squares: f64,
     cases: f64,
+    /// Mean square of the newest [`SOON`] cases \[normalised²\].
+    recent: f64,
 }
 
-state! { whole [] Spread { squares, cases } }
+state! { whole [] Spread { squares, cases, recent } }
 
 /// The evidence, and who may be used.
 #[derive(Debug, Clone, PartialEq)]
@@ -79,7 +83,7 @@ impl Default for Contest {
     fn default() -> Self {
         let first = |index: usize| {
             let error = 0.2 * TARGET_RMS * (index + 1) as f64;
-            Spread { squares: FIRST * error * error, cases: FIRST }
+            Spread { squares: FIRST * error * error, cases: FIRST, recent: error * error }
         };
         Self {
             pairs: [None; LEADS],
@@ -107,11 +111,10 @@ impl Contest {
         self.evidence
     }
 
-    /// Recent error of the fallback at `lead` steps, rms \[normalised, in the plane\]; the last beyond.
+    /// Error of the fallback at `lead` steps lately, rms \[normalised, in the plane\]; the last beyond.
     #[must_use]
-    pub fn spread(&self, lead: usize) -> f64 {
-        let spread = self.spreads.get(lead.clamp(1, LEADS) - 1);
-        spread.map_or(0.0, |spread| (spread.squares / spread.cases.max(1.0)).sqrt())
+    pub fn doubt(&self, lead: usize) -> f64 {
+        self.spreads.get(lead.clamp(1, LEADS) - 1).map_or(0.0, |spread| spread.recent.sqrt())
     }
 
     /// What both predicted after the step that closed last; `None`: the external one predicted nothing.
@@ -183,6 +186,7 @@ impl Spread {
         // A jump that the grid did not see must not hide the errors of years to come.
         self.squares = forgetting * self.squares + fallback.min(1e6);
         self.cases = forgetting * self.cases + 1.0;
+        self.recent += (fallback.min(1e6) - self.recent) / SOON;
         // Where neither has an error there is nothing to tell them apart by.
         Some(if fallback == external { 0.0 } else { gain })
     }

@@ -220,7 +220,7 @@ impl External {
     pub(super) fn replace(&self, positions: &mut [[f64; 2]]) -> bool {
         let Some(ahead) = self.ahead() else { return false };
         for (lead, ([x, y], [ex, ey])) in (1..).zip(positions.iter_mut().zip(ahead)) {
-            let most = DOUBT * self.contest.spread(lead) * self.unit_m;
+            let most = DOUBT * self.contest.doubt(lead) * self.unit_m;
             let [dx, dy] = super::shortened([ex - *x, ey - *y], most);
             (*x, *y) = (*x + dx, *y + dy);
         }
