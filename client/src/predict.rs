@@ -15,20 +15,29 @@ pub type PenSteps = MessageWatch<PenStep>;
 /// Why a preview was not sent.
 #[derive(Clone, Copy, PartialEq, thiserror::Error)]
 pub enum PreviewSendError {
-    /// Other than as many positions as there is room for.
-    #[error(
-        "a preview has {got} positions, legal are 1 to 64: as many as `wanted` of the step asks for; radii: \
-         none, or one per position"
-    )]
+    /// No positions, or more than there is room for.
+    #[error("a preview has {got} positions, legal are 1 to 64: as many as `wanted` of the step asks for")]
     Positions {
         /// As many as there were.
         got: usize,
     },
+    /// Neither none nor one per position.
+    #[error("a preview has {got} radii for {positions} positions: give none, or one per position")]
+    Radii {
+        /// As many as there were.
+        got: usize,
+        /// Positions beside them.
+        positions: usize,
+    },
     /// A number that cannot be used.
-    #[error("position or radius {number} of the preview is not finite, or the radius is negative")]
+    #[error("{what} {number} of the preview is {value} m, legal are finite numbers{}", if *what == "radius" { " from 0 on" } else { "" })]
     NotFinite {
+        /// `x`, `y` or `radius`.
+        what: &'static str,
         /// Its number, from 0.
         number: usize,
+        /// What it is.
+        value: f64,
     },
     /// The daemon would refuse it.
     #[error("the preview is invalid: {0}")]
@@ -82,14 +91,22 @@ impl Previews {
         radii: &[f64],
     ) -> Result<bool, PreviewSendError> {
         let got = positions.len();
-        if !(1..=PREVIEW_STEPS).contains(&got) || !(radii.is_empty() || radii.len() == got) {
+        if !(1..=PREVIEW_STEPS).contains(&got) {
             return Err(PreviewSendError::Positions { got });
         }
-        if let Some(number) = positions.iter().position(|[x, y]| !(x.is_finite() && y.is_finite())) {
-            return Err(PreviewSendError::NotFinite { number });
+        if !(radii.is_empty() || radii.len() == got) {
+            return Err(PreviewSendError::Radii { got: radii.len(), positions: got });
         }
-        if let Some(number) = radii.iter().position(|radius| !(radius.is_finite() && *radius >= 0.0)) {
-            return Err(PreviewSendError::NotFinite { number });
+        for (number, [x, y]) in positions.iter().enumerate() {
+            for (what, value) in [("x", *x), ("y", *y)] {
+                if !value.is_finite() {
+                    return Err(PreviewSendError::NotFinite { what, number, value });
+                }
+            }
+        }
+        if let Some((number, value)) = radii.iter().enumerate().find(|(_, r)| !(r.is_finite() && **r >= 0.0))
+        {
+            return Err(PreviewSendError::NotFinite { what: "radius", number, value: *value });
         }
         let mut preview = PenPreview {
             base_index,

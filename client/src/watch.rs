@@ -163,7 +163,8 @@ impl<T: Message> MessageWatch<T> {
 
     /// Waits for the next unread message, looking five times per millisecond; `None` when none came in time.
     pub fn next_within(&mut self, timeout: Duration) -> Option<T> {
-        let deadline = Instant::now() + timeout;
+        // None: for ever.
+        let deadline = Instant::now().checked_add(timeout);
         loop {
             // A message that is refused is counted, and the next one looked at.
             while let Some(message) = self.subscriber.take() {
@@ -171,7 +172,7 @@ impl<T: Message> MessageWatch<T> {
                     return Some(message);
                 }
             }
-            if Instant::now() >= deadline {
+            if deadline.is_some_and(|deadline| Instant::now() >= deadline) {
                 return None;
             }
             std::thread::sleep(Duration::from_micros(200));

@@ -149,7 +149,7 @@ fn follower_settings(
         preview: PreviewSettings {
             step_ns: s.step_ns(),
             kind: s.predictor.kind,
-            fallback: s.predictor.external.fallback,
+            fallback: s.predictor.external.fallback.0,
             most_late: s.predictor.external.most_late_steps,
             limit_factor: s.predictor.limit_factor,
             peak_fade: s.predictor.peak_fade,

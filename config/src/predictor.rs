@@ -38,6 +38,21 @@ impl SettingValue for PredictorKind {
     }
 }
 
+/// A predictor that this process runs itself.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct BuiltIn(pub PredictorKind);
+
+impl SettingValue for BuiltIn {
+    fn read(node: &Node, rule: &ValueRule<'_>, problems: &mut Vec<Problem>) -> Option<Self> {
+        // The key's rule has no other.
+        PredictorKind::read(node, rule, problems).map(Self)
+    }
+
+    fn write(&self) -> Option<String> {
+        self.0.write()
+    }
+}
+
 /// Says that a network shall not be used, not even a shipped one.
 pub(crate) const NO_NETWORK: &str = "none";
 
@@ -62,7 +77,7 @@ pub(crate) fn models(settings: &Settings, report: &mut Findings<'_>) -> Option<M
     let foresight = network(key, named.foresight.as_deref(), "foresight", foresight, settings, report);
     let networks = Networks { lstm: alone?, mixture: mixture?, foresight: foresight? };
     let (key, kind) = match section.kind {
-        PredictorKind::EXTERNAL => ("predictor.external.fallback", section.external.fallback),
+        PredictorKind::EXTERNAL => ("predictor.external.fallback", section.external.fallback.0),
         kind => ("predictor.kind", kind),
     };
     match Models::new(model_settings(settings), networks) {

@@ -108,6 +108,7 @@ fn with_every_predictor_no_tick_allocates_while_peers_come_and_go() {
         let answer = operator.switch_predictor(predictor);
         assert_eq!(answer.outcome(), ControlStatus::Ok, "{predictor}");
         let pen = pen(&site);
+        let process = (predictor == PredictorKind::EXTERNAL.name()).then(|| support::predictor(&site));
         // Trusted as far as the record allows, which for some is not at all; then fully, by an operator.
         let followed = operator.status_when("it follows with the predictor that was asked for", |status| {
             status.mode == u32::from(Mode::Following) && status.predictor.as_str() == Some(predictor)
@@ -118,7 +119,10 @@ fn with_every_predictor_no_tick_allocates_while_peers_come_and_go() {
         operator
             .status_when("new weights come in", |status| status.learner_version > taken.learner_version + 2);
         assert_eq!(operator.ask(ControlOp::TrustAuto, 0.0).outcome(), ControlStatus::Ok);
-        drop(pen);
+        if process.is_some() {
+            operator.status_when("its previews are taken", |status| status.external.taken > 100);
+        }
+        drop((pen, process));
     }
     let learned = operator.status_when("it learns", |status| status.learner_updates > 20);
     assert!(learned.tick > 500);

@@ -3,7 +3,6 @@
 mod support;
 
 use std::collections::BTreeMap;
-use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use foretrace_config::Config;
@@ -11,12 +10,11 @@ use foretrace_control::follower::{Follower, NoClock};
 use foretrace_control::predict::{ExternalPreview, OnlineWeights};
 use foretrace_control::state;
 use foretrace_shm::{
-    Assembly, ControlOp, HeaderBounds, Message, Mode, PenPreview, PenStep, Piece, PieceKind, Services,
-    Session, Thing, TickInput, monotonic_now_ns,
+    Assembly, ControlOp, HeaderBounds, Message, Mode, Piece, PieceKind, Services, Session, Thing, TickInput,
 };
 use foretraced::rt::tick::STATE_BYTES;
 use foretraced::wire;
-use support::{Operator, Peer, Running, Site, arm, pen, turn};
+use support::{Operator, Running, Site, arm, pen, predictor, turn};
 
 /// Everything that came, in order.
 #[derive(Default)]
@@ -107,29 +105,6 @@ fn again(captured: &Captured) -> usize {
         ticks += 1;
     }
     ticks
-}
-
-/// A process that repeats the last displacement.
-fn predictor(site: &Site) -> Peer {
-    let instance = site.instance();
-    Peer::start(move |quit| {
-        let session = Session::open(&instance, "predictor").unwrap();
-        let services = Services::open(&session).unwrap();
-        let mut steps = services.pen_step.subscriber(PenStep::QOS.buffer, HeaderBounds::DEFAULT).unwrap();
-        let mut previews = services.preview.publisher().unwrap();
-        while !quit.load(Ordering::Acquire) {
-            steps.drain(|step| {
-                let mut preview =
-                    PenPreview { base_index: step.index, count: step.wanted, ..PenPreview::default() };
-                for (ahead, (x, y)) in (1..).map(f64::from).zip(preview.x_m.iter_mut().zip(&mut preview.y_m))
-                {
-                    (*x, *y) = (step.x_m + ahead * step.dx_m, step.y_m + ahead * step.dy_m);
-                }
-                previews.publish(monotonic_now_ns(), preview).unwrap();
-            });
-            std::thread::sleep(Duration::from_millis(1));
-        }
-    })
 }
 
 /// The fallback is Hold, which it beats: the previews are used.

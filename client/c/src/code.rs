@@ -125,6 +125,7 @@ impl From<PreviewSendError> for CallFailure {
     fn from(error: PreviewSendError) -> Self {
         let code = match error {
             PreviewSendError::Positions { .. }
+            | PreviewSendError::Radii { .. }
             | PreviewSendError::NotFinite { .. }
             | PreviewSendError::Invalid(_) => ErrorCode::Invalid,
             PreviewSendError::NotSent(_) => ErrorCode::NotSent,

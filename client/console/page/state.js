@@ -82,7 +82,7 @@ export class State {
     const rows = [
       ["trust", `${number(state.trust, 2)} → ${number(state.trust_target, 2)} (${state.trust_reason})`],
       ["predictor", state.external
-        ? `${state.predictor}: ${number(100 * state.external.weight, 0, "% of the preview")}, ${state.external.hits} of ${state.external.steps} steps in time`
+        ? `${state.predictor}: ${number(100 * state.external.weight, 0, "% of the preview")}, ${state.external.hits} of ${state.external.steps} steps in time, ${number(state.external.latency_ms, 1, "ms")}, ${state.external.refused} refused`
         : state.predictor],
       ["pen → command", number(state.pen_to_command_ms, 2, "ms")],
       ["command → motion", number(state.command_to_motion_ms, 1, "ms")],

@@ -174,6 +174,9 @@ fn state(status: &Status, remedy: &Remedy) -> Value {
             "weight": status.external.weight,
             "hits": status.external.hits,
             "steps": status.external.steps,
+            "refused": status.external.refused.iter().map(|count| u64::from(*count)).sum::<u64>(),
+            "latency_ms": (status.external.latency.p50_ns > 0)
+                .then(|| f64::from(status.external.latency.p50_ns) * 1e-6),
         })),
         "pen_age_ms": ms(status.pen_age_ns),
         "pen_samples": status.counters.pen_received,

@@ -144,9 +144,13 @@ fn external(text: &mut String, state: &ExternalState) {
     let chosen = state.weight >= 0.0;
     let weight = if chosen { f64::from(state.weight) } else { f64::NAN };
     gauge(text, "external_weight", "Part of another process's predictor in the preview.", weight);
-    let latency = if chosen { f64::from(state.latency.p50_ns) * 1e-9 } else { f64::NAN };
+    let late_ns = state.latency.p50_ns;
+    let latency = if chosen && late_ns > 0 { f64::from(late_ns) * 1e-9 } else { f64::NAN };
     gauge(text, "external_latency_seconds", "From a grid step to its preview, recent median.", latency);
-    counter(text, "external_steps", "Grid steps that it was sent.", state.steps.into());
+    counter(text, "external_steps", "Grid steps that closed while it was chosen.", state.steps.into());
+    counter(text, "external_taken", "Previews of it that were taken.", state.taken.into());
+    counter(text, "external_lost", "Previews of it that were replaced or found no room.", state.lost.into());
+    counter(text, "external_unsent", "Grid steps that could not be sent to it.", state.unsent.into());
     counter(text, "external_hits", "Grid steps that it answered in time.", state.hits.into());
     let refused = (1..).zip(state.refused).filter_map(|(number, count)| {
         let why = PreviewRefusal::try_from(number).ok()?;

@@ -4,7 +4,7 @@
 //! says so. The same build gives the same commands bit for bit; the first difference is named with tick,
 //! field and both values, and how far the joints came apart altogether.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::path::Path;
 
 use foretrace_config::Config;
@@ -12,7 +12,7 @@ use foretrace_control::follower::FollowerError;
 use foretrace_control::pen::PenReading;
 use foretrace_control::predict::{ExternalPreview, OnlineWeights};
 use foretrace_control::state::{self, StateError};
-use foretrace_shm::{PieceKind, Thing, TickInput};
+use foretrace_shm::{PieceKind, Thing, TickInput, input_flags};
 use foretraced::wire;
 use serde::Serialize;
 
@@ -135,8 +135,6 @@ struct Beginning {
     settings: Vec<Thing>,
     states: Vec<Thing>,
     sets: BTreeMap<(u64, u64), Vec<u8>>,
-    /// Previews of another process, by daemon and tick.
-    previews: BTreeMap<(u64, u64), Vec<u8>>,
     /// Daemon, first and last tick of inputs without a gap, in order.
     stretches: Vec<(u64, u64, u64)>,
     damage: Option<String>,
@@ -165,9 +163,8 @@ impl Beginning {
                     PieceKind::Weights => {
                         found.sets.insert((thing.daemon_id, thing.number), thing.bytes);
                     }
-                    PieceKind::Preview => {
-                        found.previews.insert((thing.daemon_id, thing.number), thing.bytes);
-                    }
+                    // Many: they are taken as they are used.
+                    PieceKind::Preview => {}
                 },
                 _ => {}
             }
@@ -229,7 +226,7 @@ pub fn replay(path: &Path) -> Result<ReplayOutcome, ReplayError> {
         daemon,
         blank: config.follower_settings().weights,
         sets: &beginning.sets,
-        previews: &beginning.previews,
+        previews: BTreeMap::new(),
         next: after + 1,
         pen: Vec::new(),
         times: None,
@@ -250,21 +247,28 @@ pub fn replay(path: &Path) -> Result<ReplayOutcome, ReplayError> {
     };
     let mut reader = RecordingReader::open(path)?;
     let mut ended = false;
+    // Inputs whose preview comes behind them.
+    let mut waiting: VecDeque<Box<TickInput>> = VecDeque::new();
     while let Some(entry) = reader.next_entry()? {
         let RecordingEntry::Message(message) = entry else { continue };
-        let Content::Input(input) = reader.content(&message)? else { continue };
-        // Inputs of before the state may come after it in the file, and the other way round.
-        if input.daemon_id == daemon && input.tick <= after {
-            continue;
+        match reader.content(&message)? {
+            Content::Thing(thing) if thing.kind == PieceKind::Preview && thing.daemon_id == daemon => {
+                if thing.number > after && run.previews.len() < UNUSED {
+                    run.previews.insert(thing.number, thing.bytes);
+                }
+            }
+            // Inputs of before the state may come after it in the file, and the other way round.
+            Content::Input(input) if input.daemon_id == daemon && input.tick <= after => {}
+            Content::Input(input) => waiting.push_back(input),
+            _ => continue,
         }
-        // Of a daemon before that of the start.
-        if input.daemon_id != daemon && run.next == after + 1 && run.pen.is_empty() {
-            continue;
-        }
-        if let Some(end) = run.take(&input)? {
-            (run.outcome.end, ended) = (end, true);
+        ended = run.take_waiting(&mut waiting, after, false)?;
+        if ended {
             break;
         }
+    }
+    if !ended {
+        ended = run.take_waiting(&mut waiting, after, true)?;
     }
     if let (false, Some(Ended::Cut { after, why, .. })) = (ended, reader.ended()) {
         run.outcome.end = ReplayEnd::Damaged { after: *after, why: why.clone() };
@@ -281,14 +285,48 @@ struct ReplayRun<'a> {
     daemon: u64,
     blank: OnlineWeights,
     sets: &'a BTreeMap<(u64, u64), Vec<u8>>,
-    previews: &'a BTreeMap<(u64, u64), Vec<u8>>,
+    /// Previews of another process that no tick has used yet, by tick.
+    previews: BTreeMap<u64, Vec<u8>>,
     next: u64,
     pen: Vec<PenReading>,
     times: Option<(u64, u64)>,
     outcome: ReplayOutcome,
 }
 
+/// Ticks that wait for a preview at most: it follows its tick within a fifth of a second.
+const WAITING: usize = 4096;
+/// Previews kept that no tick has used: those of a quarter of an hour, which a flight recorder writes first.
+const UNUSED: usize = 100_000;
+
 impl ReplayRun<'_> {
+    /// Runs the ticks that wait, up to the first whose preview has not come; `all`: nothing comes any more.
+    /// Whether the replay is over.
+    fn take_waiting(
+        &mut self,
+        waiting: &mut VecDeque<Box<TickInput>>,
+        after: u64,
+        all: bool,
+    ) -> Result<bool, ReplayError> {
+        while let Some(input) = waiting.front() {
+            let lacks = input.flags & input_flags::PREVIEW != 0
+                && input.daemon_id == self.daemon
+                && !self.previews.contains_key(&input.tick);
+            if lacks && !all && waiting.len() < WAITING {
+                return Ok(false);
+            }
+            let Some(input) = waiting.pop_front() else { break };
+            // Of a daemon before that of the start.
+            if input.daemon_id != self.daemon && self.next == after + 1 && self.pen.is_empty() {
+                continue;
+            }
+            if let Some(end) = self.take(&input)? {
+                self.outcome.end = end;
+                return Ok(true);
+            }
+        }
+        Ok(false)
+    }
+
     /// Runs the tick that `input` completes; returns why there is no next one.
     fn take(&mut self, input: &TickInput) -> Result<Option<ReplayEnd>, ReplayError> {
         if input.daemon_id != self.daemon {
@@ -317,10 +355,10 @@ impl ReplayRun<'_> {
         }
         let mut preview = None;
         if given.preview {
-            let Some(bytes) = self.previews.get(&(self.daemon, tick)) else {
+            let Some(bytes) = self.previews.remove(&tick) else {
                 return Ok(Some(ReplayEnd::NoPreview { tick }));
             };
-            state::read(preview.insert(ExternalPreview::EMPTY), bytes)?;
+            state::read(preview.insert(ExternalPreview::EMPTY), &bytes)?;
         }
         let (law, pen) = (&mut self.law, &self.pen);
         let input_of = given.step_input(pen, set.as_ref(), preview.as_ref());

@@ -2,6 +2,7 @@
 
 use foretrace_control::predict::PredictorKind;
 
+use crate::predictor::BuiltIn;
 use crate::schema::{Legal::*, Presence::*, section, words};
 
 words! {
@@ -73,7 +74,7 @@ section! {
     /// answers with previews. While it gives none in time, or worse ones, the fallback serves.
     pub struct ExternalSection {
         /// The built-in predictor that stands in for it, and that it has to beat.
-        fallback: PredictorKind = Words(&PredictorKind::BUILT_IN_NAMES), Default("\"mixture\""), AtStart,
+        fallback: BuiltIn = Words(&PredictorKind::BUILT_IN_NAMES), Default("\"mixture\""), AtStart,
             "\"mixture\"";
         /// Steps that may close before its preview of a step comes; later ones are refused.
         most_late_steps: u32 = Between(0.0, 8.0), Default("2"), AtStart, "2";

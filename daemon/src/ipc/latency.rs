@@ -3,6 +3,8 @@
 //! Contract: fed tick by tick on the ipc thread; no allocation per tick. Medians of the parts are in
 //! [`super::chain`].
 
+use std::collections::VecDeque;
+
 use hdrhistogram::Histogram;
 
 use foretrace_control::units::Stamp;
@@ -42,9 +44,7 @@ impl Latencies {
     /// Pen to command: from the device stamp of a pen sample to the first command handed over after it was
     /// received. Command to motion: from there to the command's stamp, plus the measured lag of the arm.
     pub fn tick(&mut self, facts: &TickFacts) {
-        if let Some(ns) = facts.previews.latency_ns {
-            self.preview.add(ns);
-        }
+        self.preview.add(facts.finished, facts.previews.latency_ns);
         let output = &facts.output;
         let pen = output.pen_stamp.map(|stamp| (stamp, output.pen_origin.sequence));
         let fresh = pen != self.pen;
@@ -83,28 +83,29 @@ impl Default for Latencies {
     }
 }
 
-/// The newest values, about a second or two of them.
+/// The values of the last two seconds.
 #[derive(Debug, Default)]
 struct Recent {
-    values: Vec<u64>,
-    next: usize,
+    /// When, and the value \[ns\].
+    values: VecDeque<(Stamp, u64)>,
 }
 
-/// Values of [`Recent`].
-const RECENT: usize = 200;
+/// How long a value counts \[ns\].
+const RECENT_NS: i64 = 2_000_000_000;
+/// Most of them: two seconds of steps of 5 ms.
+const RECENT: usize = 400;
 
 impl Recent {
-    fn add(&mut self, ns: u64) {
-        if self.values.len() < RECENT {
-            self.values.push(ns);
-        } else if let Some(slot) = self.values.get_mut(self.next) {
-            *slot = ns;
+    fn add(&mut self, now: Stamp, ns: Option<u64>) {
+        self.values.extend(ns.map(|ns| (now, ns)));
+        let old = |(at, _): &(Stamp, u64)| now.since(*at) > RECENT_NS;
+        while self.values.len() > RECENT || self.values.front().is_some_and(old) {
+            self.values.pop_front();
         }
-        self.next = (self.next + 1) % RECENT;
     }
 
     fn percentiles(&self) -> Percentiles {
-        let mut sorted = self.values.clone();
+        let mut sorted: Vec<u64> = self.values.iter().map(|(_, ns)| *ns).collect();
         sorted.sort_unstable();
         let at = |quantile: f64| {
             let last = sorted.len().saturating_sub(1) as f64;

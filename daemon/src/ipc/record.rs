@@ -229,8 +229,14 @@ pub fn newest_tick(status: &mut shm::Status, newest: &TickFacts, ipc: &IpcTally,
     status.trust_reason = wire::trust_reason(output.trust.reason, output.governor).into();
     status.predictor = wire::predictor(output.predictor);
     status.predictor_band_m = output.predictor_band.map_or(UNKNOWN, known);
+    let previews = &newest.previews;
     status.external = shm::ExternalState {
-        taken: wire::saturated(newest.previews.taken),
+        share: if previews.steps > 0 { (previews.weights / previews.steps as f64) as f32 } else { -1.0 },
+        steps: wire::saturated(previews.steps),
+        hits: wire::saturated(previews.hits),
+        taken: wire::saturated(previews.taken),
+        lost: wire::saturated(newest.ports.previews_lost),
+        unsent: wire::saturated(newest.ports.steps_failed),
         refused: refused_previews(newest),
         latency: status.external.latency,
         ..wire::external_state(output.external.as_ref())
@@ -248,12 +254,10 @@ pub fn newest_tick(status: &mut shm::Status, newest: &TickFacts, ipc: &IpcTally,
     status.learner_age_ns = newest.weights_since.map_or(0, |since| age_ns(now, Some(since)));
 }
 
-/// Previews refused by reason; messages that the port refused were malformed.
+/// Previews refused by reason; the last is the port's.
 fn refused_previews(facts: &TickFacts) -> [u32; shm::PREVIEW_REFUSALS] {
-    let mut refused = facts.previews.refused;
-    let [malformed, ..] = &mut refused;
-    *malformed = malformed.saturating_add(facts.ports.previews_rejected);
-    refused.map(wire::saturated)
+    let mut counts = facts.previews.refused.into_iter().chain([facts.ports.previews_rejected]);
+    std::array::from_fn(|_| wire::saturated(counts.next().unwrap_or(0)))
 }
 
 /// Stage times by their names on the wire. Trust and preview are one stage in this daemon: `Trust` stays 0.

@@ -101,6 +101,9 @@ pub struct PortTally {
     pub enable_rejected: u64,
     /// Previews of another process whose message was refused.
     pub previews_rejected: u64,
+    /// Previews of another process that a newer one of the same tick replaced, or that are missing in its
+    /// sequence.
+    pub previews_lost: u64,
     /// Dead-man messages missing in the sender's sequence.
     pub enable_dropped: u64,
     /// The newest refused pen sample.

@@ -27,6 +27,8 @@ pub struct ShmPorts {
     previews: Subscriber<shm::PenPreview>,
     commands: Publisher<shm::JointCommand>,
     steps: Publisher<shm::PenStep>,
+    /// Previews that a newer one of the same tick replaced.
+    replaced: u64,
     tally: PortTally,
 }
 
@@ -44,6 +46,7 @@ impl ShmPorts {
             previews: services.preview.subscriber(shm::PenPreview::QOS.buffer, HeaderBounds::DEFAULT)?,
             commands: services.joint_cmd.publisher()?,
             steps: services.pen_step.publisher()?,
+            replaced: 0,
             tally: PortTally::default(),
         })
     }
@@ -77,8 +80,9 @@ impl Ports for ShmPorts {
             inbox.enable = Some(EnableReading { stop, ..reading });
         });
         if inbox.asks_previews {
-            self.previews.drain(|message| inbox.preview = Some(wire::external_preview(&message)));
-            self.tally.steps_failed += u64::from(self.steps.connect().is_err());
+            let came = self.previews.drain(|message| inbox.preview = Some(wire::external_preview(&message)));
+            self.replaced += came.saturating_sub(1) as u64;
+            self.tally.commands_failed += u64::from(self.steps.connect().is_err());
         }
 
         let tally = &mut self.tally;
@@ -94,6 +98,7 @@ impl Ports for ShmPorts {
         tally.enable_rejected = self.enable.rejections().total();
         tally.enable_dropped = self.enable.dropped();
         tally.previews_rejected = self.previews.rejections().total();
+        tally.previews_lost = self.replaced + self.previews.dropped();
         tally.pen_refused = refused(&self.pen);
         tally.joints_refused = refused(&self.joints);
         tally.enable_refused = refused(&self.enable);

@@ -13,8 +13,13 @@ use crate::wire::{self, JOINTS};
 const SENT: usize = 16;
 
 /// Counts since the daemon started, and the newest latency.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ExternalTally {
+    /// Grid steps that closed while it was chosen, and the sum of its part over them.
+    pub steps: u64,
+    pub weights: f64,
+    /// Those of them that had a preview of their own before the next one closed.
+    pub hits: u64,
     /// Previews that the law took.
     pub taken: u64,
     /// Previews that it refused, by reason.
@@ -51,17 +56,28 @@ impl ExternalDoor {
     /// Counts what became of `preview`, received at `received`.
     pub fn count(&mut self, preview: Option<&ExternalPreview>, output: &StepOutput<JOINTS>, received: Stamp) {
         self.chosen = output.predictor == PredictorKind::EXTERNAL;
-        let verdict = output.external.and_then(|external| external.verdict);
-        match verdict {
-            None => {}
-            Some(Ok(())) => self.tally.taken += 1,
+        let tally = &mut self.tally;
+        tally.latency_ns = None;
+        let Some(report) = output.external else { return };
+        tally.steps += output.learn_count as u64;
+        tally.weights += report.weight * output.learn_count as f64;
+        match report.verdict {
+            None => return,
+            Some(Ok(())) => {
+                tally.taken += 1;
+                tally.hits += u64::from(report.age == Some(0));
+            }
             Some(Err(why)) => {
-                if let Some(count) = self.tally.refused.get_mut(why.index()) {
+                if let Some(count) = tally.refused.get_mut(why.index()) {
                     *count += 1;
+                }
+                // Of others it would be no answer to a step.
+                if why != PreviewRefusal::Late {
+                    return;
                 }
             }
         }
-        self.tally.latency_ns = preview.and_then(|preview| {
+        tally.latency_ns = preview.and_then(|preview| {
             let (index, sent_ns) = self.sent.get(place(preview.base_index)).copied()?;
             (index == preview.base_index && sent_ns > 0).then(|| received.0.saturating_sub(sent_ns))
         });

@@ -6,9 +6,8 @@ use foretrace_control::predict::{ExternalPreview, ExternalReport, LearnStep, MAX
 use foretrace_shm as shm;
 use foretrace_shm::{PREVIEW_REFUSALS, PREVIEW_STEPS, preview_flags};
 
-use super::saturated;
-
-const _: () = assert!(MAX_PREVIEW == PREVIEW_STEPS && PreviewRefusal::ALL.len() == PREVIEW_REFUSALS);
+// The last reason of the wire is the port's.
+const _: () = assert!(MAX_PREVIEW == PREVIEW_STEPS && PreviewRefusal::ALL.len() + 1 == PREVIEW_REFUSALS);
 
 /// A closed grid step of `step_ns`, after which a plan looks at `steps`.
 #[must_use]
@@ -62,8 +61,6 @@ pub fn external_state(report: Option<&ExternalReport>) -> shm::ExternalState {
     report.map_or(shm::ExternalState::NONE, |report| shm::ExternalState {
         weight: report.weight as f32,
         evidence: report.evidence as f32,
-        steps: saturated(report.steps),
-        hits: saturated(report.hits),
         ..shm::ExternalState::NONE
     })
 }

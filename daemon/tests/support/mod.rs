@@ -12,8 +12,9 @@ use std::time::{Duration, Instant};
 use foretrace_control::guard::CommandChecker;
 use foretrace_control::units::Stamp;
 use foretrace_shm::{
-    ControlOp, ControlRequest, ControlResponse, HeaderBounds, Instance, JointCommand, JointState, PenSample,
-    PredictorName, SafetyMode, Services, Session, Status, monotonic_now_ns, pen_flags,
+    ControlOp, ControlRequest, ControlResponse, HeaderBounds, Instance, JointCommand, JointState, Message,
+    PenPreview, PenSample, PenStep, PredictorName, SafetyMode, Services, Session, Status, monotonic_now_ns,
+    pen_flags,
 };
 use foretraced::{DaemonError, ExitReport, Options, Rights, Source, StopHandle};
 
@@ -247,6 +248,29 @@ pub fn pen(site: &Site) -> Peer {
             };
             feed.publish(now, sample).unwrap();
             std::thread::sleep(Duration::from_millis(5));
+        }
+    })
+}
+
+/// A process that repeats the last displacement.
+pub fn predictor(site: &Site) -> Peer {
+    let instance = site.instance();
+    Peer::start(move |quit| {
+        let session = Session::open(&instance, "predictor").unwrap();
+        let services = Services::open(&session).unwrap();
+        let mut steps = services.pen_step.subscriber(PenStep::QOS.buffer, HeaderBounds::DEFAULT).unwrap();
+        let mut previews = services.preview.publisher().unwrap();
+        while !quit.load(Ordering::Acquire) {
+            steps.drain(|step| {
+                let mut preview =
+                    PenPreview { base_index: step.index, count: step.wanted, ..PenPreview::default() };
+                for (ahead, (x, y)) in (1..).map(f64::from).zip(preview.x_m.iter_mut().zip(&mut preview.y_m))
+                {
+                    (*x, *y) = (step.x_m + ahead * step.dx_m, step.y_m + ahead * step.dy_m);
+                }
+                previews.publish(monotonic_now_ns(), preview).unwrap();
+            });
+            std::thread::sleep(Duration::from_millis(1));
         }
     })
 }

@@ -60,7 +60,7 @@ wire! {
         pub motion: u32,
         /// 1: the pen touches the paper.
         pub contact: u32,
-        /// Positions that a preview has to have.
+        /// Positions that a preview should have: as many as the plan looks at, and more for a late one.
         pub wanted: u32,
         /// Zero.
         pub reserved: u32,
@@ -75,7 +75,7 @@ wire! {
         pub header: Header,
         /// Number of the step after which it predicts ([`PenStep::index`]).
         pub base_index: u64,
-        /// Positions that count, from `PenStep::wanted` to [`PREVIEW_STEPS`].
+        /// Positions that count, at most [`PREVIEW_STEPS`]; see `PenStep::wanted`.
         pub count: u32,
         /// [`mod@preview_flags`].
         pub flags: u32,

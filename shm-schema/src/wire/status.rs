@@ -105,7 +105,8 @@ wire_enum! {
     pub enum PreviewRefusal: u32 {
         /// No preview was refused.
         None = 0 => "none",
-        /// No positions, fewer than were asked for, or more than there is room for; radii for some only.
+        /// No positions, fewer than the plan looks at from now on, or more than there is room for; radii for
+        /// some only.
         Malformed = 1 => "malformed",
         /// A position or a radius that is not finite, or a negative radius.
         NonFinite = 2 => "non-finite",
@@ -113,48 +114,59 @@ wire_enum! {
         Ahead = 3 => "ahead",
         /// For a grid step that was too old.
         Late = 4 => "late",
-        /// For a grid step of which a preview had come before.
+        /// For a grid step of which a preview had come before, or after another one since the newest step
+        /// closed.
         Repeated = 5 => "repeated",
         /// For a grid step of the stroke before.
         OtherStroke = 6 => "other stroke",
         /// A displacement much longer than the hand's recent motion.
         Wild = 7 => "wild",
+        /// The message itself: its stamp, sequence, boot or count.
+        Message = 8 => "message",
     }
 }
 
 /// Reasons of [`PreviewRefusal`], `None` left out.
-pub const PREVIEW_REFUSALS: usize = 7;
+pub const PREVIEW_REFUSALS: usize = 8;
 
 wire! {
-    /// The predictor of another process, since it was chosen.
-    "foretrace.ExternalStateV1"
+    /// The predictor of another process. Counts are since the daemon started, saturated.
+    "foretrace.ExternalStateV2"
     pub struct ExternalState {
         /// Its part in the preview in force, 0 to 1; the rest is the fallback's. Negative: it is not chosen.
         pub weight: f32,
         /// Evidence that it is better than the fallback, -10 to 10: used from 5 on, until it falls below 0.
         pub evidence: f32,
-        /// Grid steps that closed; this and the other counts saturated.
+        /// Mean of `weight` over the steps that closed while it was chosen; negative: none did.
+        pub share: f32,
+        /// Grid steps that closed while it was chosen.
         pub steps: u32,
         /// Those of them that had a preview of their own before the next one closed.
         pub hits: u32,
-        /// Previews taken, since the daemon started.
+        /// Previews taken.
         pub taken: u32,
-        /// Previews refused by reason, in the order of [`PreviewRefusal`] from `Malformed` on, since the
-        /// daemon started.
+        /// Previews that a newer one of the same tick replaced, or that found no room.
+        pub lost: u32,
+        /// Grid steps that could not be sent.
+        pub unsent: u32,
+        /// Previews refused by reason, in the order of [`PreviewRefusal`] from `Malformed` on.
         pub refused: [u32; PREVIEW_REFUSALS],
-        /// From a grid step sent to its preview received, over the last second or two.
+        /// From a grid step sent to its preview received, over the last two seconds; 0: nothing came.
         pub latency: Percentiles,
     }
 }
 
 impl ExternalState {
-    /// It is not chosen.
+    /// It is not chosen, and never was.
     pub const NONE: Self = Self {
         weight: -1.0,
         evidence: 0.0,
+        share: -1.0,
         steps: 0,
         hits: 0,
         taken: 0,
+        lost: 0,
+        unsent: 0,
         refused: [0; PREVIEW_REFUSALS],
         latency: Percentiles { p50_ns: 0, p99_ns: 0, p99_9_ns: 0, max_ns: 0 },
     };
@@ -277,8 +289,6 @@ wire! {
         pub note: NoteWords,
         /// The predictor of another process.
         pub external: ExternalState,
-        /// Reserved, zero.
-        pub reserved: [u64; 2],
     }
 }
 

@@ -125,7 +125,7 @@ wire! {
         pub trust: f64,
         /// Target of α.
         pub trust_target: f64,
-        /// The predictor's own score, \[0, 1\].
+        /// Part of another process's predictor in the preview, \[0, 1\]; negative: it is not chosen.
         pub confidence: f64,
         /// [`TrustReason`].
         pub trust_reason: u32,

@@ -345,10 +345,9 @@ fn layouts_are_pinned() {
             ("tool_plane_m", 1552, 24),
             ("note_since_ns", 1576, 8),
             ("note", 1584, 384),
-            ("external", 1968, 64),
-            ("reserved", 2032, 16),
+            ("external", 1968, 80),
         ],
-        0xe97a84888a9dedb7,
+        0x1,
     );
     pinned::<ControlRequest>(
         64,

@@ -7,18 +7,21 @@ use crate::layout::pinned;
 #[test]
 fn layouts_of_predictors_in_other_processes_are_pinned() {
     pinned::<ExternalState>(
-        64,
+        80,
         4,
         &[
             ("weight", 0, 4),
             ("evidence", 4, 4),
-            ("steps", 8, 4),
-            ("hits", 12, 4),
-            ("taken", 16, 4),
-            ("refused", 20, 28),
-            ("latency", 48, 16),
+            ("share", 8, 4),
+            ("steps", 12, 4),
+            ("hits", 16, 4),
+            ("taken", 20, 4),
+            ("lost", 24, 4),
+            ("unsent", 28, 4),
+            ("refused", 32, 32),
+            ("latency", 64, 16),
         ],
-        0x9ea224d115736dfb,
+        0x2,
     );
     pinned::<PenStep>(
         112,

@@ -117,6 +117,7 @@ impl From<PreviewSendError> for LiveFailure {
     fn from(error: PreviewSendError) -> Self {
         let kind = match error {
             PreviewSendError::Positions { .. }
+            | PreviewSendError::Radii { .. }
             | PreviewSendError::NotFinite { .. }
             | PreviewSendError::Invalid(_) => FailureKind::Invalid,
             PreviewSendError::NotSent(_) => FailureKind::Other,

@@ -12,13 +12,20 @@ pub(super) fn text(state: &ExternalState) -> Option<String> {
     }
     let refused: Vec<String> =
         refused(state).filter(|(_, count)| *count > 0).map(|(why, count)| format!("{count} {why}")).collect();
+    let late = match state.latency.p50_ns {
+        0 => "none in the last two seconds".to_owned(),
+        ns => format!("median {}", milliseconds(ns.into())),
+    };
     Some(format!(
-        "{:.0} % of the preview (evidence {:+.1})   {} of {} steps in time, median {}   refused: {}",
+        "{:.0} % of the preview, {:.0} % in the mean (evidence {:+.1})   {} of {} steps in time, {late}   {} lost, \
+         {} unsent, refused: {}",
         state.weight * 100.0,
+        state.share.max(0.0) * 100.0,
         state.evidence,
         state.hits,
         state.steps,
-        milliseconds(state.latency.p50_ns.into()),
+        state.lost,
+        state.unsent,
         if refused.is_empty() { "none".to_owned() } else { refused.join(", ") }
     ))
 }
@@ -32,9 +39,12 @@ pub(super) fn json(state: &ExternalState) -> Value {
     json!({
         "weight": state.weight,
         "evidence": state.evidence,
+        "share": state.share,
         "steps": state.steps,
         "hits": state.hits,
         "taken": state.taken,
+        "lost": state.lost,
+        "unsent": state.unsent,
         "refused": refused,
         "latency_ms": {
             "p50": f64::from(state.latency.p50_ns) * 1e-6,

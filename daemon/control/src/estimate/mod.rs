@@ -12,6 +12,7 @@
 //! Contract: fixed size, no allocation after construction, total. In a tick `Estimate::update` comes after
 //! the prediction, `Estimate::refine` after that.
 
+mod beside;
 mod parameters;
 mod preview;
 
@@ -23,6 +24,7 @@ mod share;
 use crate::pen::PenReading;
 use crate::predict::LearnStep;
 use crate::state::state;
+pub(crate) use beside::Estimates;
 pub use parameters::{LawParameters, Number};
 pub(crate) use preview::RefinedPreview;
 
@@ -51,6 +53,18 @@ pub(crate) struct Estimate {
 }
 
 state! { [] Estimate { record, refiner } }
+
+/// Into the memory that is there: ticks allocate nothing.
+impl Clone for Estimate {
+    fn clone(&self) -> Self {
+        Self { record: self.record.clone(), refiner: self.refiner.clone() }
+    }
+
+    fn clone_from(&mut self, other: &Self) {
+        self.record.clone_from(&other.record);
+        self.refiner.clone_from(&other.refiner);
+    }
+}
 
 impl Estimate {
     /// Without evidence, on a grid of `step_ns` \[ns\]; Hold lags `feedback_lag_s` \[s\] behind the samples.
@@ -92,6 +106,12 @@ impl Estimate {
         } else if source == PreviewSource::LaterThisStep {
             self.record.replace_preview(&made);
         }
+        self.record.report(nearest, nearest + 1, saturated)
+    }
+
+    /// Judges past previews by the grid steps that `closed`, where no new one was made.
+    pub(crate) fn judge(&mut self, closed: &[LearnStep], nearest: usize, saturated: f64) -> Worth {
+        self.record.judge(&mut self.refiner, closed);
         self.record.report(nearest, nearest + 1, saturated)
     }
 

@@ -59,11 +59,21 @@ impl RefinedPreview {
 
     /// Computes the preview again, `steps` far if there is room.
     pub(crate) fn refresh(&mut self, previewer: &Previewer, steps: usize) {
+        let _ = self.refresh_by(previewer, steps, Previewer::preview);
+    }
+
+    /// The same, as `predict` makes it; whether it made one.
+    pub(crate) fn refresh_by(
+        &mut self,
+        previewer: &Previewer,
+        steps: usize,
+        predict: impl FnOnce(&Previewer, &mut [[f64; 2]]) -> Option<PreviewReport>,
+    ) -> bool {
         self.steps = steps.min(self.most);
-        let Some((first, rest)) = self.path.split_first_mut() else { return };
-        let Some(predicted) = rest.get_mut(..self.steps) else { return };
+        let Some((first, rest)) = self.path.split_first_mut() else { return false };
+        let Some(predicted) = rest.get_mut(..self.steps) else { return false };
         if let Some(PreviewReport { base_index, base_position, finite, bands, .. }) =
-            previewer.preview(predicted)
+            predict(previewer, predicted)
         {
             *first = base_position;
             self.velocity = previewer.newest().map_or([0.0; 2], |step| step.displacement);
@@ -72,6 +82,20 @@ impl RefinedPreview {
             self.bands = Some(bands);
             self.take_as_it_is();
             self.refined = None;
+            return true;
+        }
+        false
+    }
+
+    /// What is to be followed: between what two previews from the same base came to, `part` of the way from
+    /// `own` to `theirs`.
+    pub(crate) fn blend(&mut self, own: &Self, theirs: &Self, part: f64) {
+        (self.used, self.origin, self.refined) = (own.used, own.origin, own.refined);
+        // A preview that is no more, or was refined by another sample, has no part.
+        if part > 0.0 && theirs.base == own.base && theirs.refined == own.refined {
+            for ([x, y], [tx, ty]) in self.used.iter_mut().zip(&theirs.used) {
+                (*x, *y) = (*x + part * (tx - *x), *y + part * (ty - *y));
+            }
         }
     }
 

@@ -40,8 +40,8 @@ use report::TickReport;
 use trust::{Evidence, TrustStage};
 use watch::ModeWatch;
 
-use crate::estimate::{Estimate, RefinedPreview};
-use crate::predict::{OnlineWeights, Oracle, Previewer};
+use crate::estimate::{Estimate, Estimates, RefinedPreview};
+use crate::predict::{OnlineWeights, Oracle, PlanLeads, Previewer};
 use crate::reference::Reference;
 use crate::units::Stamp;
 
@@ -55,7 +55,7 @@ pub struct Follower<const N: usize, const J: usize> {
     pen: PenIntake,
     prediction: Prediction,
     preview: RefinedPreview,
-    estimate: Estimate,
+    estimate: Estimates,
     trust: TrustStage,
     governor: Governor,
     saturation: Saturation,
@@ -81,6 +81,9 @@ impl<const N: usize, const J: usize> Follower<N, J> {
         let mut mover = Mover::new(&settings)?;
         let feedback_lag_s = mover.feedback_lag_s();
         let (step_ns, plan_step_s) = (settings.pen.step_ns, settings.mpc.step_s);
+        let preview = RefinedPreview::new(step_ns, steps);
+        let per_step = settings.trust.per_step;
+        let estimate = Estimate::new(step_ns, per_step, feedback_lag_s, &settings.law, &settings.prior);
         Ok(Self {
             watch: ModeWatch::new(&settings),
             monitor: ArmMonitor::new(&settings),
@@ -90,14 +93,8 @@ impl<const N: usize, const J: usize> Follower<N, J> {
                 &settings.models,
                 &settings.weights,
             )?),
-            preview: RefinedPreview::new(step_ns, steps),
-            estimate: Estimate::new(
-                step_ns,
-                settings.trust.per_step,
-                feedback_lag_s,
-                &settings.law,
-                &settings.prior,
-            ),
+            estimate: Estimates::new(estimate, &preview),
+            preview,
             trust: TrustStage::new(&settings)?,
             // The tool is the command's; a plan that models the servo puts that ahead of the arm.
             governor: Governor::new(settings.period_ns, feedback_lag_s - settings.mpc.servo_s, &settings.law),
@@ -177,21 +174,23 @@ impl<const N: usize, const J: usize> Follower<N, J> {
             weights: input.weights,
             external: input.preview,
             trust: self.trust.alpha(),
-            steps: ahead.steps,
+            leads: PlanLeads { nearest: ahead.nearest_lead, farthest: ahead.steps },
         };
         let predicted = self.prediction.update(&mut self.preview, &news, &mut health);
         // Estimate: what past previews were worth, and what the newest sample changes in this one.
         let (steps, nearest) = (closed.steps(), ahead.nearest_lead);
         let saturated = self.saturation.share();
-        let worth = self.estimate.update(steps, predicted.source(), &self.preview, nearest, saturated);
+        let (source, previewer) = (predicted.source(), self.prediction.previewer());
+        let made = (&self.preview, ahead.steps, predicted.renewed);
+        let worth = self.estimate.update(steps, source, previewer, made, nearest, saturated);
         let follows = self.watch.follows();
         // No part of a preview is in use.
         if !follows || predicted.switched {
             self.governor.release();
         }
         let governor = self.governor.share();
-        let shares = self.trust.per_step().then(|| worth.believed());
-        self.estimate.refine(&mut self.preview, pen.newest.as_ref(), shares.as_ref(), governor);
+        let per_step = self.trust.per_step();
+        self.estimate.refine(&mut self.preview, pen.newest.as_ref(), per_step, governor);
         // Trust: how much of the preview to use.
         let (pen_age_ns, record) = (pen.age_ns, worth.record);
         let trust = self.trust.update(&Evidence { follows, pen_age_ns, predicted, record });

@@ -4,7 +4,7 @@ use super::io::{Health, MAX_STEPS_PER_TICK, Refusal};
 use crate::estimate::{PreviewSource, RefinedPreview};
 use crate::pen::{GridStep, Motion};
 use crate::predict::{
-    ExternalPreview, ExternalReport, LearnStep, OnlineWeights, Oracle, PredictorKind, Previewer,
+    ExternalPreview, ExternalReport, LearnStep, OnlineWeights, Oracle, PlanLeads, PredictorKind, Previewer,
 };
 use crate::state::state;
 use crate::units::Trust;
@@ -46,6 +46,8 @@ pub(super) struct PredictionReport {
     pub(super) finite: bool,
     /// A preview of another process took the place of the one made when the newest step closed.
     replaced: bool,
+    /// The preview was made again in this tick.
+    pub(super) renewed: bool,
     /// What became of another process's previews, if they are asked for.
     pub(super) external: Option<ExternalReport>,
 }
@@ -71,8 +73,8 @@ pub(super) struct PredictionInput<'a> {
     pub(super) external: Option<&'a ExternalPreview>,
     /// Trust in the preview; another predictor takes over at 0.
     pub(super) trust: Trust,
-    /// How far the plan looks.
-    pub(super) steps: usize,
+    /// What the plan looks at.
+    pub(super) leads: PlanLeads,
 }
 
 impl Prediction {
@@ -134,18 +136,19 @@ impl Prediction {
         input: &PredictionInput<'_>,
         health: &mut Health,
     ) -> PredictionReport {
-        let PredictionInput { closed, weights, external, trust, steps } = *input;
+        let PredictionInput { closed, weights, external, trust, leads } = *input;
         let weights_refused = weights.map(|weights| self.previewer.set_weights(weights).is_err());
         if weights_refused == Some(true) {
             health.set(Health::WEIGHTS_REFUSED);
         }
         let pending = if trust.alpha() > 0.0 { None } else { self.pending.take() };
         let switched = pending.is_some_and(|kind| self.previewer.choose(kind).is_ok());
-        let verdict = external.and_then(|external| self.previewer.take(external, steps));
+        let verdict = external.and_then(|external| self.previewer.take(external, leads));
         let taken = verdict == Some(Ok(()));
-        if closed || weights.is_some() || switched || taken {
-            self.previewer.prepare(weights.is_some());
-            preview.refresh(&self.previewer, steps);
+        let renewed = closed || weights.is_some() || switched || taken;
+        if renewed {
+            self.previewer.prepare(leads, weights.is_some());
+            preview.refresh(&self.previewer, leads.farthest);
         }
         if !preview.finite {
             health.set(Health::PREDICTOR_INVALID);
@@ -157,6 +160,7 @@ impl Prediction {
             history: self.previewer.history(),
             finite: preview.finite,
             replaced: taken && !closed,
+            renewed,
             external: self.previewer.external(verdict),
         }
     }

@@ -22,7 +22,7 @@ mod registry;
 mod step;
 mod taught;
 
-pub use external::{ExternalPreview, ExternalReport, PreviewRefusal};
+pub use external::{ExternalPreview, ExternalReport, PlanLeads, PreviewRefusal};
 pub use member::AnyPredictor;
 pub use models::{
     ArRls, ArRlsLearner, ArRlsSettings, ArRlsWeights, ConstantVelocity, Dybm, DybmEsn, DybmEsnLearner,

@@ -9,7 +9,7 @@ use super::models::REGISTRY;
 use super::online::WeightsError;
 
 use super::{Hold, MAX_PREVIEW, Models, Needs, OnlineWeights, Oracle, PenStep, PredictorKind};
-use crate::state::{Reader, State, StateError, Writer, load_part, save_part};
+use crate::state::{Reader, State, StateError, Writer, load_part, save_part, state};
 
 /// Answers for a predictor that is absent or has no history.
 const NOBODY: &OfflineMember<Hold> = &OfflineMember(Hold);
@@ -22,6 +22,8 @@ pub struct RollOut {
     /// Predicted displacements that the bound shortened.
     pub limited: u32,
 }
+
+state! { whole [] RollOut { finite, limited } }
 
 /// All predictors behind one interface.
 #[derive(Debug, Clone)]

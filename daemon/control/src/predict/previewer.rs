@@ -12,7 +12,7 @@ use crate::state::state;
 use thiserror::Error;
 
 use super::bands::{self, BandTable, PreviewBands};
-use super::external::{External, ExternalPreview, ExternalReport, MOST_LATE, PreviewRefusal};
+use super::external::{External, ExternalPreview, ExternalReport, MOST_LATE, PlanLeads, PreviewRefusal};
 use super::online::WeightsError;
 use super::{MAX_PREVIEW, Models, Needs, OnlineWeights, Oracle, Panel, PredictorKind, RollOut};
 use crate::pen::{GridStep, Motion, PenError, SpeedScale, SpeedScaleSettings, TARGET_RMS};
@@ -216,24 +216,32 @@ impl Previewer {
         step
     }
 
-    /// Takes over what another process predicted, `steps` of which the plan looks at; says why if it is not
-    /// used. `None`: it was not asked, another predictor is active.
-    pub fn take(&mut self, preview: &ExternalPreview, steps: usize) -> Option<Result<(), PreviewRefusal>> {
+    /// Takes over what another process predicted for a plan that looks at `leads`; says why if it is not used.
+    /// `None`: it was not asked, another predictor is active.
+    pub fn take(
+        &mut self,
+        preview: &ExternalPreview,
+        leads: PlanLeads,
+    ) -> Option<Result<(), PreviewRefusal>> {
         let limit_m = self.limit() * self.scale.metres_per_unit();
         let asked = self.active == PredictorKind::EXTERNAL;
-        asked.then(|| self.external.take(preview, steps, limit_m))
+        asked.then(|| self.external.take(preview, leads, limit_m))
     }
 
     /// Before previews of another process, where they are asked for: what stands in for them after the newest
-    /// step, made once per step, or `again` with other weights.
-    pub fn prepare(&mut self, again: bool) {
-        if self.active != PredictorKind::EXTERNAL || (self.external.fallback().is_some() && !again) {
+    /// step, made once per step, or `again` with other weights, as far as a plan that looks at `leads` needs.
+    pub fn prepare(&mut self, leads: PlanLeads, again: bool) {
+        let steps = leads.farthest.min(MAX_PREVIEW);
+        let enough = self.external.fallback().is_some_and(|(known, _)| known.len() >= steps);
+        if self.active != PredictorKind::EXTERNAL || (enough && !again) {
             return;
         }
+        let Some(from) = self.newest.map(|step| step.position) else { return };
         let mut positions = [[0.0; 2]; MAX_PREVIEW];
-        if self.preview_of(self.settings.fallback, &mut positions).is_some() {
-            self.external.stand_in(&positions);
-        }
+        let wanted = positions.get_mut(..steps).unwrap_or_default();
+        let (kind, scale_m) = (self.settings.fallback, self.scale.metres_per_unit());
+        let made = self.panel.roll_out(kind, self.limit(), scale_m, from, wanted);
+        self.external.stand_in(wanted, made, leads);
     }
 
     /// What became of another process's previews; `verdict` of the one that came in this tick.
@@ -251,31 +259,72 @@ impl Previewer {
 
     /// As `preview`, with any of the predictors.
     pub fn preview_of(&self, kind: PredictorKind, out: &mut [[f64; 2]]) -> Option<PreviewReport> {
+        if kind != PredictorKind::EXTERNAL {
+            return self.built_in(kind, out);
+        }
+        let mut report = self.preview_standing_in(out)?;
+        let part = self.external.part();
+        let mut theirs = [[0.0; 2]; MAX_PREVIEW];
+        let theirs = theirs.get_mut(..out.len()).unwrap_or_default();
+        if part > 0.0 && self.preview_of_process(theirs).is_some() {
+            for ([x, y], [tx, ty]) in out.iter_mut().zip(theirs) {
+                (*x, *y) = (*x + part * (*tx - *x), *y + part * (*ty - *y));
+            }
+        }
+        report.bands = report.bands.or_given(|lead| self.external.radius(lead).filter(|_| part > 0.5));
+        Some(report)
+    }
+
+    /// As `preview`, with the built-in predictor that stands in for another process.
+    pub fn preview_standing_in(&self, out: &mut [[f64; 2]]) -> Option<PreviewReport> {
+        let newest = self.newest?;
+        match self.external.fallback() {
+            // Made after this step already.
+            Some((known, RollOut { finite, limited })) if out.len() <= known.len() => {
+                out.iter_mut().zip(known).for_each(|(slot, position)| *slot = *position);
+                let bands = self.bands_of(self.settings.fallback);
+                Some(PreviewReport {
+                    base_index: newest.index,
+                    base_position: newest.position,
+                    finite,
+                    limited,
+                    bands,
+                })
+            }
+            _ => self.built_in(self.settings.fallback, out),
+        }
+    }
+
+    /// As `preview`, with what another process predicts; `None`: it predicted nothing that could be carried on.
+    pub fn preview_of_process(&self, out: &mut [[f64; 2]]) -> Option<PreviewReport> {
+        let mut report = self.preview_standing_in(out)?;
+        report.bands = report.bands.or_given(|lead| self.external.radius(lead));
+        self.external.replace(out).then_some(report)
+    }
+
+    /// Its part in the preview in force, 0 to 1; `None`: another predictor is active.
+    #[must_use]
+    pub fn part(&self) -> Option<f64> {
+        (self.active == PredictorKind::EXTERNAL).then(|| self.external.part())
+    }
+
+    fn built_in(&self, kind: PredictorKind, out: &mut [[f64; 2]]) -> Option<PreviewReport> {
         let newest = self.newest?;
         let scale_m = self.scale.metres_per_unit();
-        let external = kind == PredictorKind::EXTERNAL;
-        let kind = if external { self.settings.fallback } else { kind };
-        let RollOut { finite, limited } = match self.external.fallback().filter(|_| external) {
-            // Made after this step already.
-            Some(known) if out.len() <= known.len() => {
-                out.iter_mut().zip(known).for_each(|(slot, position)| *slot = *position);
-                RollOut { finite: true, limited: 0 }
-            }
-            _ => self.panel.roll_out(kind, self.limit(), scale_m, newest.position, out),
-        };
-        let unit_m = scale_m * bands::level(self.level_square);
-        let mut bands = PreviewBands::new(*self.bands.of(kind), unit_m);
-        if external {
-            self.external.blend(out);
-            bands = bands.or_given(|lead| self.external.radius(lead));
-        }
+        let RollOut { finite, limited } =
+            self.panel.roll_out(kind, self.limit(), scale_m, newest.position, out);
         Some(PreviewReport {
             base_index: newest.index,
             base_position: newest.position,
             finite,
             limited,
-            bands,
+            bands: self.bands_of(kind),
         })
+    }
+
+    fn bands_of(&self, kind: PredictorKind) -> PreviewBands {
+        let unit_m = self.scale.metres_per_unit() * bands::level(self.level_square);
+        PreviewBands::new(*self.bands.of(kind), unit_m)
     }
 
     /// Makes another predictor active from the next preview on.

@@ -6,7 +6,7 @@ use foretrace_control::contact::{EffortReading, EffortUnit};
 use foretrace_control::follower::{Budget, EnableReading, JointReading, Mode, Request, StepInput};
 use foretrace_control::pen::PenReading;
 use foretrace_control::predict::bands::BAND_LEADS;
-use foretrace_control::predict::{OnlineWeights, PredictorKind};
+use foretrace_control::predict::{ExternalPreview, OnlineWeights, PredictorKind};
 use foretrace_control::units::Stamp;
 use rand::{Rng, RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -99,9 +99,38 @@ fn poisoned_effort(seed: u64, tick: u32, now: Stamp) -> EffortReading<6> {
     EffortReading { stamp: now, effort, unit }
 }
 
+/// What another process may send after the pen stood `at` at grid step `newest`; from a seed of its own too.
+fn poisoned_preview(seed: u64, tick: u32, newest: u64, at: [f64; 2]) -> Option<ExternalPreview> {
+    let mut rng = Pcg64::seed_from_u64(!seed ^ u64::from(tick).wrapping_mul(0x9e37_79b9_7f4a_7c15));
+    let mut preview = ExternalPreview {
+        base_index: newest.wrapping_sub(rng.random_range(0..4)),
+        count: 64,
+        radii_count: if rng.random_bool(0.5) { 64 } else { 0 },
+        ..ExternalPreview::EMPTY
+    };
+    let way = [1e-4, 1e-3, 0.02][rng.random_range(0..3)];
+    let mut walk = at;
+    for (position, radius) in preview.positions.iter_mut().zip(&mut preview.radii) {
+        walk = walk.map(|x| x + rng.random_range(-way..way));
+        (*position, *radius) = (walk, rng.random_range(0.0..0.01));
+    }
+    if rng.random_bool(0.2) {
+        let poison = POISON[rng.random_range(0..POISON.len())];
+        match rng.random_range(0..6) {
+            0 => preview.positions[rng.random_range(0..64)][1] = poison,
+            1 => preview.radii[rng.random_range(0..64)] = poison,
+            2 => preview.count = rng.random_range(0..70),
+            3 => preview.radii_count = rng.random_range(0..70),
+            4 => (preview.count, preview.radii_count) = (usize::MAX, usize::MAX),
+            _ => preview.base_index = rng.next_u64(),
+        }
+    }
+    rng.random_bool(0.3).then_some(preview)
+}
+
 /// One run of a follower, in front of a servo that its plan models unless `servo_ns` is 0; returns how many
-/// commands moved.
-fn live(seed: u64, ticks: u32, spite: f64, servo_ns: u64) -> u32 {
+/// commands moved, and how many previews of another process were taken.
+fn live(seed: u64, ticks: u32, spite: f64, servo_ns: u64) -> (u32, u32) {
     let mut rng = Pcg64::seed_from_u64(seed);
     let kind = PredictorKind::LIVE[seed as usize % PredictorKind::LIVE.len()];
     let mut settings = settings(kind);
@@ -111,7 +140,7 @@ fn live(seed: u64, ticks: u32, spite: f64, servo_ns: u64) -> u32 {
     settings.safety.enable_required = rng.random_bool(0.1);
     let mut bench = Bench::new(settings);
     let start = bench.now;
-    let mut moving = 0;
+    let (mut moving, mut newest, mut taken) = (0, (0, [0.0; 2]), 0_u32);
     for tick in 0..ticks {
         let t = bench.now.seconds_since(start);
         let flood = if rng.random_bool(0.01 * spite) { 64 } else { usize::from(rng.random_bool(0.4)) };
@@ -130,6 +159,7 @@ fn live(seed: u64, ticks: u32, spite: f64, servo_ns: u64) -> u32 {
             sabotaged(&mut rng, &mut weights, value);
         }
         let effort = poisoned_effort(seed, tick, bench.now);
+        let preview = poisoned_preview(seed, tick, newest.0, newest.1);
         let restless = bench.last.is_none() || rng.random_bool(0.02 * spite);
         let input = StepInput {
             pen: &samples,
@@ -144,6 +174,7 @@ fn live(seed: u64, ticks: u32, spite: f64, servo_ns: u64) -> u32 {
                 (restless && rng.random_bool(0.2)).then(|| request(&mut rng))
             },
             weights: sabotage.then_some(&weights),
+            preview: preview.as_ref(),
             ..StepInput::nothing(bench.now)
         };
         let budget = Budget {
@@ -155,6 +186,16 @@ fn live(seed: u64, ticks: u32, spite: f64, servo_ns: u64) -> u32 {
         let withheld = dice.is_multiple_of(97);
         let output = if withheld { bench.withhold(&input, budget) } else { bench.step(&input, budget) };
         moving += u32::from(output.command.is_some_and(|command| command.qd.iter().any(|qd| *qd != 0.0)));
+        newest = output
+            .learn
+            .iter()
+            .take(output.learn_count)
+            .map(|step| (step.index, step.position))
+            .fold(newest, |_, step| step);
+        if let Some(external) = output.external {
+            taken += u32::from(external.verdict == Some(Ok(())));
+            assert!((0.0..=1.0).contains(&external.weight) && external.evidence.is_finite(), "{external:?}");
+        }
         let named = output.tool.iter().chain(&output.reference).all(|x| x.is_finite());
         assert!(output.predictor_band.is_none_or(|band| band >= 0.0 && band.is_finite()));
         assert!(named && output.trust.alpha.alpha().is_finite(), "seed {seed}, tick {tick}: {output:?}");
@@ -172,17 +213,18 @@ fn live(seed: u64, ticks: u32, spite: f64, servo_ns: u64) -> u32 {
             };
         }
     }
-    moving
+    (moving, taken)
 }
 
 fn lives(seeds: std::ops::Range<u64>, servo_ns: u64) {
-    let (mut ticks, mut moving) = (0, 0);
+    let (mut ticks, mut moving, mut taken) = (0, 0, 0);
     for seed in seeds {
         let spite = [0.05, 0.3, 1.0][(seed % 3) as usize];
-        moving += live(seed, 600, spite, servo_ns);
-        ticks += 600;
+        let (moved, took) = live(seed, 600, spite, servo_ns);
+        (moving, taken, ticks) = (moving + moved, taken + took, ticks + 600);
     }
-    println!("{moving} of {ticks} commands moved");
+    println!("{moving} of {ticks} commands moved, {taken} previews of another process were taken");
+    assert!(taken > 100, "{taken} previews were taken");
     assert!(moving > ticks / 4, "a test in which the arm stands still proves nothing: {moving} of {ticks}");
 }
 

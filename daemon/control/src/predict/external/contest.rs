@@ -1,24 +1,30 @@
 //! Which of two predictors is better: another process's, or the built-in one that stands in for it.
 //!
-//! Both predict after every grid step. At each of [`JUDGED`] leads the evidence is the sum of
-//! (e_fallback² − e_external²) / 2s², s² the recent variance of the fallback's error; each case and the sum
-//! are clipped. It is that of [`crate::estimate::record`], with the fallback in Hold's place. The external
-//! predictor has to earn its place at every lead, and loses it at the first at which it is worse. Who loses
-//! it waits, twice as long each time, so that one which earns trust in order to lie gets ever fewer chances.
+//! Both predict after every grid step. When a step closes, every lead j that plans use has a case: with the
+//! errors e of what both predicted for it j steps before, and s_j² the recent variance of the fallback's
+//! error there,
+//!
+//! gain = mean over j of (e_fallback² − e_external²) / 2s_j².
+//!
+//! The evidence is the sum of the gains. What a gain adds is bounded, what it takes is not: a lie costs as
+//! much evidence as it is large, so that rare large errors are not paid for by many small gains. The external
+//! predictor has to earn its place, and loses it below 0. Who loses it waits, twice as long each time, so
+//! that one which earns trust in order to lie gets ever fewer chances.
 
-use crate::pen::TARGET_RMS;
+use crate::pen::{TARGET_RMS, rests};
+use crate::predict::bands::BAND_LEADS as LEADS;
 use crate::state::state;
 
-/// Leads that are judged \[steps\]: soon, where a lie is found first, and as far as a plan looks.
-pub(super) const JUDGED: [usize; 3] = [2, 5, 10];
-/// Pairs of previews that wait for their outcome.
-const PENDING: usize = 10;
-/// Bound on the evidence at a lead; a case adds at most a fifth of it.
+/// Bound on the evidence.
 const MOST: f64 = 10.0;
-/// Evidence at every lead from which the external predictor is used; below 0 at any of them it is not.
+/// What one step adds at most.
+const GAIN: f64 = 0.2 * MOST;
+/// Evidence from which the external predictor is used; below 0 it is not.
 const EARNED: f64 = 5.0;
 /// Memory of the fallback's squared error \[cases\]: two seconds of motion.
 const MEMORY: f64 = 200.0;
+/// Cases by which doubt about the fallback is judged: it may end as soon as the fallback has learned a hand.
+const SOON: f64 = 30.0;
 /// Cases of a hand not seen yet: errors of a fifth of the way.
 const FIRST: f64 = 5.0;
 /// The first wait \[steps of motion\]; it doubles up to [`LONGEST`].
@@ -28,35 +34,40 @@ const LONGEST: u32 = 3200;
 /// Steps of use after which the last loss is forgiven.
 const FORGIVEN: u32 = 2000;
 
-/// Positions that both predicted at the judged leads \[m\].
+/// What both predicted after one step \[m\], the first position one step later.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pair {
+    /// Position at the step.
+    pub base: [f64; 2],
     /// Of the external predictor.
-    pub external: [[f64; 2]; JUDGED.len()],
-    /// Of the fallback, at the same leads.
-    pub fallback: [[f64; 2]; JUDGED.len()],
+    pub external: [[f64; 2]; LEADS],
+    /// Of the fallback.
+    pub fallback: [[f64; 2]; LEADS],
 }
 
-state! { whole [] Pair { external, fallback } }
+state! { whole [] Pair { base, external, fallback } }
 
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-struct JudgedLead {
-    /// Sum of the fallback's squared errors \[normalised²\], and of cases.
+/// The fallback's squared error at one lead.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Spread {
+    /// Sum of squares \[normalised²\], and of cases.
     squares: f64,
     cases: f64,
-    evidence: f64,
+    /// Mean square of the newest [`SOON`] cases \[normalised²\].
+    recent: f64,
 }
 
-state! { whole [] JudgedLead { squares, cases, evidence } }
+state! { whole [] Spread { squares, cases, recent } }
 
 /// The evidence, and who may be used.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Contest {
     /// A ring, one place per step; `newest` is where the last step's is. `None`: the external predictor
     /// predicted nothing there.
-    pairs: [Option<Pair>; PENDING],
+    pairs: [Option<Pair>; LEADS],
     newest: usize,
-    leads: [JudgedLead; JUDGED.len()],
+    spreads: [Spread; LEADS],
+    evidence: f64,
     earned: bool,
     /// Times it lost its place, less those forgiven.
     losses: u32,
@@ -66,18 +77,19 @@ pub struct Contest {
     used: u32,
 }
 
-state! { [] Contest { pairs, newest, leads, earned, losses, wait, used } }
+state! { [] Contest { pairs, newest, spreads, evidence, earned, losses, wait, used } }
 
 impl Default for Contest {
     fn default() -> Self {
-        let first = |steps: usize| {
-            let error = 0.2 * TARGET_RMS * steps as f64;
-            JudgedLead { squares: FIRST * error * error, cases: FIRST, evidence: 0.0 }
+        let first = |index: usize| {
+            let error = 0.2 * TARGET_RMS * (index + 1) as f64;
+            Spread { squares: FIRST * error * error, cases: FIRST, recent: error * error }
         };
         Self {
-            pairs: [None; PENDING],
+            pairs: [None; LEADS],
             newest: 0,
-            leads: JUDGED.map(first),
+            spreads: std::array::from_fn(first),
+            evidence: 0.0,
             earned: false,
             losses: 0,
             wait: 0,
@@ -93,15 +105,21 @@ impl Contest {
         self.earned
     }
 
-    /// The least evidence of the judged leads, from -10 to 10.
+    /// The evidence, from -10 to 10.
     #[must_use]
-    pub fn evidence(&self) -> f64 {
-        self.leads.iter().fold(MOST, |least, lead| least.min(lead.evidence))
+    pub const fn evidence(&self) -> f64 {
+        self.evidence
+    }
+
+    /// Error of the fallback at `lead` steps lately, rms \[normalised, in the plane\]; the last beyond.
+    #[must_use]
+    pub fn doubt(&self, lead: usize) -> f64 {
+        self.spreads.get(lead.clamp(1, LEADS) - 1).map_or(0.0, |spread| spread.recent.sqrt())
     }
 
     /// What both predicted after the step that closed last; `None`: the external one predicted nothing.
     pub fn record(&mut self, pair: Option<Pair>) {
-        self.newest = (self.newest + 1) % PENDING;
+        self.newest = (self.newest + 1) % LEADS;
         if let Some(slot) = self.pairs.get_mut(self.newest) {
             *slot = pair;
         }
@@ -109,49 +127,68 @@ impl Contest {
 
     /// The pen began anew: what waits will not be judged.
     pub const fn interrupt(&mut self) {
-        self.pairs = [None; PENDING];
+        self.pairs = [None; LEADS];
     }
 
-    /// A step closed at `position` \[m\] after ordinary motion, with `unit_m` metres per unit: judges what
-    /// was predicted for it. `in_use`: the external predictor was.
-    pub fn judge(&mut self, position: [f64; 2], unit_m: f64, in_use: bool) {
+    /// A step closed at `position` \[m\] after ordinary motion, with `unit_m` metres per unit: judges what was
+    /// predicted for it, at the leads from `nearest` to `farthest` that plans use. `in_use`: the external
+    /// predictor was.
+    pub fn judge(&mut self, position: [f64; 2], unit_m: f64, nearest: usize, farthest: usize, in_use: bool) {
         self.wait = self.wait.saturating_sub(1);
         self.used = if in_use { self.used.saturating_add(1) } else { self.used };
         if self.used >= FORGIVEN {
             (self.used, self.losses) = (0, self.losses.saturating_sub(1));
         }
-        for (index, (steps, lead)) in JUDGED.into_iter().zip(&mut self.leads).enumerate() {
-            let made = (self.newest + PENDING + 1 - steps) % PENDING;
-            let Some(Some(pair)) = self.pairs.get(made) else { continue };
-            let error = |predicted: Option<&[f64; 2]>| {
-                let [x, y] = predicted.copied().unwrap_or(position);
-                let (x, y) = ((x - position[0]) / unit_m, (y - position[1]) / unit_m);
-                x * x + y * y
+        let first = nearest.clamp(1, LEADS);
+        let leads = first..=farthest.clamp(first, LEADS);
+        let (mut gains, mut cases) = (0.0, 0_u32);
+        for lead in leads {
+            let made = (self.newest + LEADS + 1 - lead) % LEADS;
+            let (Some(Some(pair)), Some(spread)) = (self.pairs.get(made), self.spreads.get_mut(lead - 1))
+            else {
+                continue;
             };
-            lead.add(error(pair.external.get(index)), error(pair.fallback.get(index)));
+            if let Some(gain) = spread.case(pair, lead - 1, position, unit_m) {
+                gains += gain;
+                cases += 1;
+            }
         }
-        let least = self.evidence();
-        // Written so that NaN counts against it.
-        if self.earned && !(least >= 0.0) {
+        if cases > 0 {
+            let gain = gains / f64::from(cases);
+            // NaN counts against it.
+            let gain = if gain >= -2.0 * MOST { gain.min(GAIN) } else { -2.0 * MOST };
+            self.evidence = (self.evidence + gain).clamp(-MOST, MOST);
+        }
+        if self.earned && self.evidence < 0.0 {
             self.earned = false;
             self.wait = WAIT.saturating_mul(1 << self.losses.min(16)).min(LONGEST);
             self.losses = self.losses.saturating_add(1);
             self.used = 0;
-        } else if !self.earned && self.wait == 0 && least >= EARNED {
+        } else if !self.earned && self.wait == 0 && self.evidence >= EARNED {
             self.earned = true;
         }
     }
 }
 
-impl JudgedLead {
-    fn add(&mut self, external: f64, fallback: f64) {
+impl Spread {
+    /// What a case says for the external predictor; `None`: the pen rested and both said so, which tells
+    /// nothing and would make the spread that of rest.
+    fn case(&mut self, pair: &Pair, index: usize, position: [f64; 2], unit_m: f64) -> Option<f64> {
+        let from = |[x, y]: [f64; 2], [x0, y0]: [f64; 2]| [(x - x0) / unit_m, (y - y0) / unit_m];
+        let square = |[x, y]: [f64; 2]| x * x + y * y;
+        let (external, fallback) = (*pair.external.get(index)?, *pair.fallback.get(index)?);
+        if [position, external, fallback].iter().all(|at| rests(from(*at, pair.base))) {
+            return None;
+        }
+        let (external, fallback) = (square(from(external, position)), square(from(fallback, position)));
         let gain = (fallback - external) / (2.0 * self.squares / self.cases.max(1.0));
-        // Where neither has an error there is nothing to tell them apart by.
-        let gain = if gain.is_nan() { 0.0 } else { gain.clamp(-0.2 * MOST, 0.2 * MOST) };
-        self.evidence = (self.evidence + gain).clamp(-MOST, MOST);
         let forgetting = 1.0 - 1.0 / MEMORY;
-        self.squares = forgetting * self.squares + fallback;
+        // A jump that the grid did not see must not hide the errors of years to come.
+        self.squares = forgetting * self.squares + fallback.min(1e6);
         self.cases = forgetting * self.cases + 1.0;
+        self.recent += (fallback.min(1e6) - self.recent) / SOON;
+        // Where neither has an error there is nothing to tell them apart by.
+        Some(if fallback == external { 0.0 } else { gain })
     }
 }
 
@@ -159,85 +196,142 @@ impl JudgedLead {
 mod tests {
     use super::*;
 
-    /// The pen stands on the line; errors are as given, at every lead \[normalised\].
-    fn after(steps: usize, contest: &mut Contest, external: f64, fallback: f64) {
-        let unit_m = 1e-4;
-        for _ in 0..steps {
-            let at = |error: f64| [[error * unit_m, 0.0]; JUDGED.len()];
-            contest.judge([0.0; 2], unit_m, contest.earned());
-            contest.record(Some(Pair { external: at(external), fallback: at(fallback) }));
-        }
+    const UNIT_M: f64 = 1e-4;
+
+    /// The pen moves on a line; errors are as given, at every lead \[normalised\].
+    struct Scene {
+        contest: Contest,
+        step: u32,
     }
 
-    fn steps_until(contest: &mut Contest, earned: bool, external: f64, fallback: f64) -> usize {
-        (0..20_000)
-            .take_while(|_| {
-                after(1, contest, external, fallback);
-                contest.earned() != earned
-            })
-            .count()
+    impl Scene {
+        fn new() -> Self {
+            Self { contest: Contest::default(), step: 0 }
+        }
+
+        fn at(step: u32) -> [f64; 2] {
+            [f64::from(step) * 14.0 * UNIT_M, 0.0]
+        }
+
+        fn go(&mut self, steps: usize, external: f64, fallback: f64) {
+            for _ in 0..steps {
+                self.step += 1;
+                let in_use = self.contest.earned();
+                self.contest.judge(Self::at(self.step), UNIT_M, 4, 20, in_use);
+                let with = |error: f64| {
+                    std::array::from_fn(|index| {
+                        let [x, y] = Self::at(self.step + 1 + index as u32);
+                        [x, y + error * UNIT_M]
+                    })
+                };
+                let pair =
+                    Pair { base: Self::at(self.step), external: with(external), fallback: with(fallback) };
+                self.contest.record(Some(pair));
+            }
+        }
+
+        fn until(&mut self, earned: bool, external: f64, fallback: f64) -> usize {
+            (0..20_000)
+                .take_while(|_| {
+                    self.go(1, external, fallback);
+                    self.contest.earned() != earned
+                })
+                .count()
+        }
     }
 
     #[test]
     fn the_better_one_earns_its_place_and_the_equal_or_worse_one_never_does() {
-        let mut contest = Contest::default();
-        let steps = steps_until(&mut contest, true, 4.0, 5.0);
-        assert!((20..120).contains(&steps), "{steps}");
-        for worse in [5.0, 5.1, 50.0, 1e300, f64::INFINITY] {
-            let mut contest = Contest::default();
-            after(5000, &mut contest, worse, 5.0);
-            assert!(!contest.earned(), "{worse}");
+        let steps = Scene::new().until(true, 4.0, 5.0);
+        assert!((10..150).contains(&steps), "{steps}");
+        for worse in [5.0, 5.1, 50.0, 1e300, f64::INFINITY, f64::NAN] {
+            let mut scene = Scene::new();
+            scene.go(5000, worse, 5.0);
+            assert!(!scene.contest.earned(), "{worse}");
         }
     }
 
     #[test]
-    fn a_lie_is_found_within_ten_steps_and_the_wait_doubles_each_time() {
-        let mut contest = Contest::default();
+    fn a_lie_is_found_when_its_nearest_lead_closes_and_the_wait_doubles_each_time() {
+        let mut scene = Scene::new();
         let mut waits = Vec::new();
         for _ in 0..8 {
-            waits.push(steps_until(&mut contest, true, 1.0, 5.0));
-            after(300, &mut contest, 1.0, 5.0);
-            let lied = steps_until(&mut contest, false, 100.0, 5.0);
-            assert!(lied <= 10, "{lied}");
+            waits.push(scene.until(true, 1.0, 5.0));
+            scene.go(300, 1.0, 5.0);
+            let lied = scene.until(false, 100.0, 5.0);
+            assert!(lied <= 5, "{lied}");
+            // It goes on honestly.
         }
-        assert!(waits.windows(2).all(|pair| pair[1] >= pair[0]), "{waits:?}");
-        assert!(waits[7] >= 3000 && waits[7] <= 3400, "{waits:?}");
+        assert!(waits.windows(2).skip(1).all(|pair| pair[1] + 20 >= pair[0]), "{waits:?}");
+        assert!(waits[7] >= 3000 && waits[7] <= 3600, "{waits:?}");
+    }
+
+    /// Many small gains do not pay for a rare large lie.
+    #[test]
+    fn one_large_lie_in_eight_is_never_let_in() {
+        for every in [4, 6, 8, 10, 20] {
+            let (mut scene, mut used) = (Scene::new(), 0);
+            for step in 0..4000 {
+                scene.go(1, if step % every == 0 { 25.0 } else { 0.5 }, 5.0);
+                used += u32::from(scene.contest.earned());
+            }
+            assert!(used < 100, "every {every}: used in {used} of 4000 steps");
+        }
     }
 
     #[test]
     fn long_good_use_forgives() {
-        let mut contest = Contest::default();
-        steps_until(&mut contest, true, 1.0, 5.0);
+        let mut scene = Scene::new();
+        scene.until(true, 1.0, 5.0);
         for _ in 0..3 {
-            steps_until(&mut contest, false, 100.0, 5.0);
-            steps_until(&mut contest, true, 1.0, 5.0);
+            scene.until(false, 100.0, 5.0);
+            scene.until(true, 1.0, 5.0);
         }
-        after(3 * FORGIVEN as usize + 1, &mut contest, 1.0, 5.0);
-        steps_until(&mut contest, false, 100.0, 5.0);
-        let wait = steps_until(&mut contest, true, 1.0, 5.0);
-        assert!(wait < 150, "{wait}");
+        scene.go(3 * FORGIVEN as usize + 30, 1.0, 5.0);
+        scene.until(false, 100.0, 5.0);
+        let wait = scene.until(true, 1.0, 5.0);
+        assert!(wait < 200, "{wait}");
+    }
+
+    /// A pause makes neither the spread small nor the next error large.
+    #[test]
+    fn a_resting_pen_tells_nothing() {
+        let mut scene = Scene::new();
+        scene.until(true, 1.0, 5.0);
+        let rest = |scene: &mut Scene, steps: usize| {
+            for _ in 0..steps {
+                let base = Scene::at(scene.step);
+                scene.contest.judge(base, UNIT_M, 4, 20, true);
+                let near = [base[0] + 0.2 * UNIT_M, base[1]];
+                scene.contest.record(Some(Pair { base, external: [near; LEADS], fallback: [base; LEADS] }));
+            }
+        };
+        // What was predicted before the pause is judged by it.
+        rest(&mut scene, LEADS);
+        let before = scene.contest.clone();
+        rest(&mut scene, 3000);
+        assert_eq!((scene.contest.evidence(), scene.contest.spreads), (before.evidence(), before.spreads));
     }
 
     #[test]
     fn previews_that_came_with_gaps_are_judged_at_their_own_lead() {
-        let (mut contest, unit_m, right) = (Contest::default(), 1e-4, [0.002, 0.0]);
-        let signs = |contest: &Contest| contest.leads.map(|lead| lead.evidence > 0.0);
+        let (mut contest, right) = (Contest::default(), [0.002, 0.0]);
+        let mut changed = Vec::new();
         // One pair only, of which the external one is right everywhere.
-        contest.record(Some(Pair { external: [right; 3], fallback: [[0.0; 2]; 3] }));
-        let expected = [
-            [false, false, false],
-            [true, false, false],
-            [true, false, false],
-            [true, false, false],
-            [true, true, false],
-        ];
-        for expected in expected {
-            contest.judge(right, unit_m, false);
-            assert_eq!(signs(&contest), expected);
+        contest.record(Some(Pair { base: [0.0; 2], external: [right; LEADS], fallback: [[0.0; 2]; LEADS] }));
+        for step in 1..=LEADS {
+            let before = contest.evidence();
+            contest.judge(right, UNIT_M, 4, 20, false);
+            if contest.evidence() != before {
+                changed.push(step);
+            }
             contest.record(None);
         }
+        assert!(changed.iter().all(|step| (4..=20).contains(step)) && changed.contains(&4), "{changed:?}");
+        contest.record(Some(Pair { base: [0.0; 2], external: [[0.0; 2]; LEADS], fallback: [right; LEADS] }));
         contest.interrupt();
-        (0..10).for_each(|_| contest.judge(right, unit_m, false));
-        assert_eq!(signs(&contest), [true, true, false], "what waited is not judged after a new beginning");
+        let before = contest.evidence();
+        (0..LEADS).for_each(|_| contest.judge(right, UNIT_M, 4, 20, false));
+        assert_eq!(contest.evidence(), before, "what waited is not judged after a new beginning");
     }
 }

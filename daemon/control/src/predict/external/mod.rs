@@ -5,6 +5,10 @@
 //!
 //! p = p_fallback + w · (p_external − p_fallback),
 //!
+//! where the difference is at most [`DOUBT`] times the recent error of the fallback at its lead: what another
+//! process says is bounded by what the fallback may be wrong by. A hand that the fallback foresees leaves a lie
+//! no room, one that nothing foresees leaves the truth enough.
+//!
 //! with w rising and falling by a fixed amount per grid step, so that neither a loss nor a return moves the
 //! reference at once. w rises only while previews come in time and the [`Contest`] says that they are better
 //! than the fallback's. Trust, shares and corrections then judge the blend as any other preview.
@@ -12,11 +16,12 @@
 mod contest;
 mod preview;
 
-use super::{Entry, LearnStep, MAX_PREVIEW};
+use super::bands::BAND_LEADS;
+use super::{Entry, LearnStep, MAX_PREVIEW, RollOut};
 use crate::pen::Motion;
 use crate::state::state;
 pub use contest::Contest;
-use contest::{JUDGED, Pair};
+use contest::Pair;
 pub use preview::{ExternalPreview, PreviewRefusal};
 
 pub(super) const ENTRY: Entry = Entry::external(
@@ -28,6 +33,9 @@ pub(super) const ENTRY: Entry = Entry::external(
 const RISE: f64 = 0.1;
 /// Its fall per step.
 const FALL: f64 = 0.2;
+/// Largest difference to the fallback, in rms of its recent errors: of errors in two axes, one in fifty is
+/// larger.
+const DOUBT: f64 = 2.0;
 /// Grid steps whose positions are kept, and the most that a preview may be late.
 pub const MOST_LATE: u32 = 8;
 /// Displacements longer than this multiple of the bound on the built-in predictors' are refused; shorter ones
@@ -45,12 +53,18 @@ pub struct ExternalReport {
     pub age: Option<u32>,
     /// What became of the preview that came in this tick; `None`: none came.
     pub verdict: Option<Result<(), PreviewRefusal>>,
-    /// Grid steps that closed while it was chosen, and those of them that had a preview of their own in
-    /// time, before the next one closed.
-    pub steps: u64,
-    /// See `steps`.
-    pub hits: u64,
 }
+
+/// What a plan looks at of a preview \[steps after the newest closed one\].
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct PlanLeads {
+    /// Of its first reference.
+    pub nearest: usize,
+    /// As far as a preview has to reach.
+    pub farthest: usize,
+}
+
+state! { whole [] PlanLeads { nearest, farthest } }
 
 /// The newest preview of the other process, and what it is worth.
 #[derive(Debug, Clone)]
@@ -71,18 +85,22 @@ pub(super) struct External {
     newest: Option<u64>,
     /// The fallback's preview after the newest step, without its start \[m\].
     fallback: [[f64; 2]; MAX_PREVIEW],
-    /// It is that of the newest step.
-    fallback_known: bool,
+    /// How many of it count, and how it was made; `None`: it is not that of the newest step.
+    made: Option<(usize, RollOut)>,
+    /// The newest step had a preview: what is in force is what is judged, so it gets no other.
+    answered: bool,
+    /// What plans looked at when it was made.
+    leads: PlanLeads,
+    /// Metres per normalised unit at the newest step.
+    unit_m: f64,
     weight: f64,
     contest: Contest,
-    steps: u64,
-    hits: u64,
 }
 
 state! {
     [] External {
-        moves, radii, radii_count, count, base, positions, first, newest, fallback, fallback_known, weight,
-        contest, steps, hits,
+        moves, radii, radii_count, count, base, positions, first, newest, fallback, made, answered, leads, unit_m,
+        weight, contest,
     }
     fixed { most_late }
 }
@@ -100,47 +118,51 @@ impl External {
             first: 0,
             newest: None,
             fallback: [[0.0; 2]; MAX_PREVIEW],
-            fallback_known: false,
+            made: None,
+            answered: false,
+            leads: PlanLeads { nearest: 1, farthest: BAND_LEADS },
+            unit_m: 0.0,
             weight: 0.0,
             contest: Contest::default(),
-            steps: 0,
-            hits: 0,
         }
     }
 
     /// A step closed while this predictor is chosen.
     pub(super) fn observe(&mut self, step: &LearnStep) {
-        self.steps = self.steps.saturating_add(1);
-        self.hits = self.hits.saturating_add(u64::from(self.newest.is_some() && self.age() == Some(0)));
         // In the step that ends here.
         let in_time = self.age().is_some_and(|age| age <= self.most_late);
         if step.motion == Motion::Continues {
             self.contest.record(self.pair());
-            self.contest.judge(step.position, step.scale_m, self.weight > 0.0);
+            let PlanLeads { nearest, farthest } = self.leads;
+            self.contest.judge(step.position, step.scale_m, nearest, farthest, self.weight > 0.0);
         } else {
             self.contest.interrupt();
-            (self.base, self.weight, self.first) = (None, 0.0, step.index);
+            (self.base, self.weight) = (None, 0.0);
+        }
+        // Nothing before its beginning, or before it was chosen, is known here.
+        if step.motion != Motion::Continues || self.newest.is_none() {
+            self.first = step.index;
         }
         if let Some(slot) = self.positions.get_mut(place(step.index)) {
             *slot = step.position;
         }
         self.newest = Some(step.index);
-        self.fallback_known = false;
+        (self.made, self.answered, self.unit_m) = (None, false, step.scale_m);
         let wanted = self.contest.earned() && in_time && self.base.is_some();
         self.weight = (self.weight + if wanted { RISE } else { -FALL }).clamp(0.0, 1.0);
     }
 
-    /// Takes over what another process predicted, unless something speaks against it. `steps`: how many the
-    /// plan looks at; `limit_m`: bound on a displacement \[m\].
+    /// Takes over what another process predicted for a plan that looks at `leads`, unless something speaks
+    /// against it. `limit_m`: bound on a displacement \[m\].
     pub(super) fn take(
         &mut self,
         preview: &ExternalPreview,
-        steps: usize,
+        leads: PlanLeads,
         limit_m: f64,
     ) -> Result<(), PreviewRefusal> {
         let ExternalPreview { base_index, count, radii_count, .. } = *preview;
         let positions = preview.positions();
-        if positions.is_empty() || positions.len() != count || count < steps.min(MAX_PREVIEW) {
+        if positions.is_empty() || positions.len() != count {
             return Err(PreviewRefusal::Malformed);
         }
         if preview.radii().len() != radii_count || ![0, count].contains(&radii_count) {
@@ -160,8 +182,12 @@ impl External {
         if base_index < self.first {
             return Err(PreviewRefusal::OtherStroke);
         }
-        if self.base.is_some_and(|before| base_index <= before) {
+        if self.answered || self.base.is_some_and(|before| base_index <= before) {
             return Err(PreviewRefusal::Repeated);
+        }
+        // Of a late one the first positions are past.
+        if count < leads.farthest.saturating_add(age as usize).min(MAX_PREVIEW) {
+            return Err(PreviewRefusal::Malformed);
         }
         let from = self.positions.get(place(base_index)).copied().unwrap_or_default();
         if moves_of(from, positions).any(|[dx, dy]| !(dx.hypot(dy) <= WILD * limit_m)) {
@@ -170,39 +196,46 @@ impl External {
         for (slot, step) in self.moves.iter_mut().zip(moves_of(from, positions)) {
             *slot = super::shortened(step, limit_m);
         }
-        (self.base, self.count) = (Some(base_index), count);
+        (self.base, self.count, self.answered) = (Some(base_index), count, true);
         (self.radii, self.radii_count) = (preview.radii, radii_count);
         Ok(())
     }
 
-    /// The fallback's preview after the newest step, from `from` on.
-    pub(super) fn stand_in(&mut self, positions: &[[f64; 2]]) {
+    /// The fallback's `positions` after the newest step, made by `roll_out` for a plan that looks at `leads`.
+    pub(super) fn stand_in(&mut self, positions: &[[f64; 2]], roll_out: RollOut, leads: PlanLeads) {
         for (slot, position) in self.fallback.iter_mut().zip(positions) {
             *slot = *position;
         }
-        self.fallback_known = true;
+        (self.made, self.leads) = (Some((positions.len().min(MAX_PREVIEW), roll_out)), leads);
     }
 
-    /// The fallback's preview, if it was made after the newest step.
-    pub(super) fn fallback(&self) -> Option<&[[f64; 2]; MAX_PREVIEW]> {
-        self.fallback_known.then_some(&self.fallback)
+    /// The fallback's preview and how it was made, if it was after the newest step.
+    pub(super) fn fallback(&self) -> Option<(&[[f64; 2]], RollOut)> {
+        let (count, roll_out) = self.made?;
+        Some((self.fallback.get(..count)?, roll_out))
     }
 
-    /// Moves `positions` \[m\], the fallback's after the newest step, towards the other process's by its
-    /// part.
-    pub(super) fn blend(&self, positions: &mut [[f64; 2]]) {
-        let (Some(ahead), true) = (self.ahead(), self.weight > 0.0) else { return };
-        for ([x, y], [ex, ey]) in positions.iter_mut().zip(ahead) {
-            *x += self.weight * (ex - *x);
-            *y += self.weight * (ey - *y);
+    /// Replaces `positions` \[m\], the fallback's after the newest step, by the other process's, as far as doubt
+    /// about the fallback allows; `false`: there are none.
+    pub(super) fn replace(&self, positions: &mut [[f64; 2]]) -> bool {
+        let Some(ahead) = self.ahead() else { return false };
+        for (lead, ([x, y], [ex, ey])) in (1..).zip(positions.iter_mut().zip(ahead)) {
+            let most = DOUBT * self.contest.doubt(lead) * self.unit_m;
+            let [dx, dy] = super::shortened([ex - *x, ey - *y], most);
+            (*x, *y) = (*x + dx, *y + dy);
         }
+        true
     }
 
-    /// Radius \[m\] in which it expects the pen `lead` steps after the newest step, where it says so and its
-    /// part is the larger.
+    /// w, while there is something of it to be followed.
+    pub(super) fn part(&self) -> f64 {
+        if self.age().is_some() { self.weight } else { 0.0 }
+    }
+
+    /// Radius \[m\] in which it expects the pen `lead` steps after the newest step, where it says so.
     pub(super) fn radius(&self, lead: f64) -> Option<f64> {
         let at = lead + f64::from(self.age()?);
-        if self.weight <= 0.5 || !(at >= 1.0) {
+        if !(at >= 1.0) {
             return None;
         }
         let radii = self.radii.get(..self.radii_count)?;
@@ -213,14 +246,7 @@ impl External {
 
     /// What became of its previews.
     pub(super) fn report(&self, verdict: Option<Result<(), PreviewRefusal>>) -> ExternalReport {
-        ExternalReport {
-            weight: self.weight,
-            evidence: self.contest.evidence(),
-            age: self.age(),
-            verdict,
-            steps: self.steps,
-            hits: self.hits,
-        }
+        ExternalReport { weight: self.weight, evidence: self.contest.evidence(), age: self.age(), verdict }
     }
 
     /// Steps that closed since the base of its preview; `None`: there is none, or it is too old to be carried
@@ -243,19 +269,16 @@ impl External {
 
     /// What both predicted after the newest step, where both did, in time.
     fn pair(&self) -> Option<Pair> {
-        let fallback = self.fallback()?;
+        let (fallback, _) = self.fallback()?;
         self.age().filter(|age| *age <= self.most_late)?;
-        let mut pair = Pair { external: [[0.0; 2]; JUDGED.len()], fallback: [[0.0; 2]; JUDGED.len()] };
-        let last = JUDGED.into_iter().max().unwrap_or(0);
-        for (steps, (external, fallback)) in (1..=last).zip(self.ahead()?.zip(fallback)) {
-            if let Some(index) = JUDGED.iter().position(|judged| *judged == steps) {
-                if let Some(slot) = pair.external.get_mut(index) {
-                    *slot = external;
-                }
-                if let Some(slot) = pair.fallback.get_mut(index) {
-                    *slot = *fallback;
-                }
-            }
+        let base = self.positions.get(place(self.newest?)).copied()?;
+        let last = fallback.last().copied()?;
+        let mut pair = Pair { base, external: [base; BAND_LEADS], fallback: [last; BAND_LEADS] };
+        for (slot, position) in pair.external.iter_mut().zip(self.ahead()?) {
+            *slot = position;
+        }
+        for (slot, position) in pair.fallback.iter_mut().zip(fallback) {
+            *slot = *position;
         }
         Some(pair)
     }

@@ -70,7 +70,8 @@ impl ExternalPreview {
 /// Why a preview of another process is not used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum PreviewRefusal {
-    /// No positions, fewer than the plan needs, or more than there is room for; radii for some of them only.
+    /// No positions, fewer than the plan looks at from now on, or more than there is room for; radii for some
+    /// of them only.
     Malformed,
     /// A position or a radius is not finite, or a radius is negative.
     NonFinite,
@@ -78,7 +79,7 @@ pub enum PreviewRefusal {
     Ahead,
     /// For a grid step that is older than previews may be.
     Late,
-    /// For a grid step of which a preview came before.
+    /// For a grid step of which a preview came before, or after another one since the newest step closed.
     Repeated,
     /// For a grid step of the stroke before: the pen has begun anew or jumped since.
     OtherStroke,
