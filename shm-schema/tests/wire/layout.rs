@@ -347,7 +347,7 @@ fn layouts_are_pinned() {
             ("note", 1584, 384),
             ("external", 1968, 80),
         ],
-        0x1,
+        0x715fb3bed0407dc8,
     );
     pinned::<ControlRequest>(
         64,

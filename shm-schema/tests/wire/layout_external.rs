@@ -21,7 +21,7 @@ fn layouts_of_predictors_in_other_processes_are_pinned() {
             ("refused", 32, 32),
             ("latency", 64, 16),
         ],
-        0x2,
+        0x813f38b87fbb2847,
     );
     pinned::<PenStep>(
         112,

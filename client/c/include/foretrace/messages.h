@@ -672,6 +672,8 @@ enum foretrace_preview_refusal {
   FORETRACE_PREVIEW_REFUSAL_OTHER_STROKE = 6,
   /** wild */
   FORETRACE_PREVIEW_REFUSAL_WILD = 7,
+  /** message */
+  FORETRACE_PREVIEW_REFUSAL_MESSAGE = 8,
 };
 
 static inline const char *foretrace_preview_refusal_label(int64_t number) {
@@ -684,6 +686,7 @@ static inline const char *foretrace_preview_refusal_label(int64_t number) {
   case 5: return "repeated";
   case 6: return "other stroke";
   case 7: return "wild";
+  case 8: return "message";
   default: return "unknown";
   }
 }
@@ -1155,7 +1158,7 @@ typedef struct foretrace_tick_record {
   double trust;
   /** Target of α. */
   double trust_target;
-  /** The predictor's own score, [0, 1]. */
+  /** Part of another process's predictor in the preview, [0, 1]; negative: it is not chosen. */
   double confidence;
   /** TrustReason. */
   uint32_t trust_reason;
@@ -1437,31 +1440,40 @@ FORETRACE_ASSERT(sizeof(foretrace_note_words) == 384);
 FORETRACE_ASSERT(offsetof(foretrace_note_words, text) == 0);
 FORETRACE_ASSERT(offsetof(foretrace_note_words, to_do) == 192);
 
-/** The predictor of another process, since it was chosen. */
+/** The predictor of another process. Counts are since the daemon started, saturated. */
 typedef struct foretrace_external_state {
   /** Its part in the preview in force, 0 to 1; the rest is the fallback's. Negative: it is not chosen. */
   float weight;
   /** Evidence that it is better than the fallback, -10 to 10: used from 5 on, until it falls below 0. */
   float evidence;
-  /** Grid steps that closed; this and the other counts saturated. */
+  /** Mean of weight over the steps that closed while it was chosen; negative: none did. */
+  float share;
+  /** Grid steps that closed while it was chosen. */
   uint32_t steps;
   /** Those of them that had a preview of their own before the next one closed. */
   uint32_t hits;
-  /** Previews taken, since the daemon started. */
+  /** Previews taken. */
   uint32_t taken;
-  /** Previews refused by reason, in the order of PreviewRefusal from Malformed on, since the daemon started. */
-  uint32_t refused[7];
-  /** From a grid step sent to its preview received, over the last second or two. */
+  /** Previews that a newer one of the same tick replaced, or that found no room. */
+  uint32_t lost;
+  /** Grid steps that could not be sent. */
+  uint32_t unsent;
+  /** Previews refused by reason, in the order of PreviewRefusal from Malformed on. */
+  uint32_t refused[8];
+  /** From a grid step sent to its preview received, over the last two seconds; 0: nothing came. */
   foretrace_percentiles latency;
 } foretrace_external_state;
-FORETRACE_ASSERT(sizeof(foretrace_external_state) == 64);
+FORETRACE_ASSERT(sizeof(foretrace_external_state) == 80);
 FORETRACE_ASSERT(offsetof(foretrace_external_state, weight) == 0);
 FORETRACE_ASSERT(offsetof(foretrace_external_state, evidence) == 4);
-FORETRACE_ASSERT(offsetof(foretrace_external_state, steps) == 8);
-FORETRACE_ASSERT(offsetof(foretrace_external_state, hits) == 12);
-FORETRACE_ASSERT(offsetof(foretrace_external_state, taken) == 16);
-FORETRACE_ASSERT(offsetof(foretrace_external_state, refused) == 20);
-FORETRACE_ASSERT(offsetof(foretrace_external_state, latency) == 48);
+FORETRACE_ASSERT(offsetof(foretrace_external_state, share) == 8);
+FORETRACE_ASSERT(offsetof(foretrace_external_state, steps) == 12);
+FORETRACE_ASSERT(offsetof(foretrace_external_state, hits) == 16);
+FORETRACE_ASSERT(offsetof(foretrace_external_state, taken) == 20);
+FORETRACE_ASSERT(offsetof(foretrace_external_state, lost) == 24);
+FORETRACE_ASSERT(offsetof(foretrace_external_state, unsent) == 28);
+FORETRACE_ASSERT(offsetof(foretrace_external_state, refused) == 32);
+FORETRACE_ASSERT(offsetof(foretrace_external_state, latency) == 64);
 
 /** State of the daemon. Distributions are over all ticks since start, after warm-up. */
 typedef struct foretrace_status {
@@ -1571,8 +1583,6 @@ typedef struct foretrace_status {
   foretrace_note_words note;
   /** The predictor of another process. */
   foretrace_external_state external;
-  /** Reserved, zero. */
-  uint64_t reserved[2];
 } foretrace_status;
 FORETRACE_ASSERT(sizeof(foretrace_status) == 2048);
 FORETRACE_ASSERT(offsetof(foretrace_status, header) == 0);
@@ -1628,7 +1638,6 @@ FORETRACE_ASSERT(offsetof(foretrace_status, tool_plane_m) == 1552);
 FORETRACE_ASSERT(offsetof(foretrace_status, note_since_ns) == 1576);
 FORETRACE_ASSERT(offsetof(foretrace_status, note) == 1584);
 FORETRACE_ASSERT(offsetof(foretrace_status, external) == 1968);
-FORETRACE_ASSERT(offsetof(foretrace_status, reserved) == 2032);
 
 /** One answer. */
 typedef struct foretrace_control_response {
@@ -1688,7 +1697,7 @@ typedef struct foretrace_pen_step {
   uint32_t motion;
   /** 1: the pen touches the paper. */
   uint32_t contact;
-  /** Positions that a preview has to have. */
+  /** Positions that a preview should have: as many as the plan looks at, and more for a late one. */
   uint32_t wanted;
   /** Zero. */
   uint32_t reserved;
@@ -1715,7 +1724,7 @@ typedef struct foretrace_pen_preview {
   foretrace_header header;
   /** Number of the step after which it predicts (PenStep.index). */
   uint64_t base_index;
-  /** Positions that count, from PenStep.wanted to PREVIEW_STEPS. */
+  /** Positions that count, at most PREVIEW_STEPS; see PenStep.wanted. */
   uint32_t count;
   /** preview_flags. */
   uint32_t flags;
@@ -1736,7 +1745,7 @@ FORETRACE_ASSERT(offsetof(foretrace_pen_preview, y_m) == 552);
 FORETRACE_ASSERT(offsetof(foretrace_pen_preview, radius_m) == 1064);
 
 /** The layout of everything above, in one number. */
-#define FORETRACE_LAYOUT_HASH UINT64_C(0x93428f2d003aa5a2)
+#define FORETRACE_LAYOUT_HASH UINT64_C(0x6f32550d2a5bc394)
 
 #ifdef __cplusplus
 }

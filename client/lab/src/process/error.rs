@@ -8,7 +8,7 @@ use super::{LONGEST_LINE, PROTOCOL};
 pub struct ProcessError {
     /// `at its start`, `in answer to the greeting`, `at step 17`.
     pub place: String,
-    pub fault: ProcessFault,
+    pub fault: Box<ProcessFault>,
 }
 
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -64,6 +64,6 @@ pub enum ProcessFault {
 
 impl ProcessFault {
     pub(super) fn at(self, place: impl Into<String>) -> ProcessError {
-        ProcessError { place: place.into(), fault: self }
+        ProcessError { place: place.into(), fault: Box::new(self) }
     }
 }

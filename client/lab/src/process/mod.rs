@@ -7,13 +7,13 @@
 //! ended, with all that it started, when its handle is dropped. Who it is says who asks. Absent: what is done
 //! with the answers.
 
-mod error;
 mod child;
+mod error;
 mod partner;
 
 pub use child::end_all;
 pub use error::{ProcessError, ProcessFault};
-pub use partner::{Greeting, PROTOCOL, Partner, StepQuestion};
+pub use partner::{AnsweredPositions, Greeting, PROTOCOL, Partner, StepQuestion};
 
 use std::time::Duration;
 

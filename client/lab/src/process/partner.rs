@@ -75,6 +75,9 @@ struct StepLine<'a> {
     step: &'a StepQuestion,
 }
 
+/// Positions, and radii: as many, or none.
+pub type AnsweredPositions = (Vec<[f64; 2]>, Vec<f64>);
+
 /// A program that has been greeted.
 #[derive(Debug)]
 pub struct Partner {
@@ -101,7 +104,7 @@ impl Partner {
     ///
     /// # Errors
     /// Anything but such an answer.
-    pub fn tell(&mut self, step: &StepQuestion) -> Result<Option<(Vec<[f64; 2]>, Vec<f64>)>, ProcessError> {
+    pub fn tell(&mut self, step: &StepQuestion) -> Result<Option<AnsweredPositions>, ProcessError> {
         let told = self.ask(&StepLine { step }).and_then(|answer| answer.checked(step.wanted));
         told.map_err(|fault| fault.at(format!("at step {}", step.index)))
     }
@@ -118,7 +121,7 @@ impl Partner {
 
 impl PreviewAnswer {
     /// What is legal where so many positions are wanted.
-    fn checked(self, wanted: usize) -> Result<Option<(Vec<[f64; 2]>, Vec<f64>)>, ProcessFault> {
+    fn checked(self, wanted: usize) -> Result<Option<AnsweredPositions>, ProcessFault> {
         let Self { positions, radii } = self;
         let count = positions.len();
         if ![0, wanted].contains(&count) {
