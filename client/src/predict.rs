@@ -26,7 +26,7 @@ pub enum PreviewSendError {
     Radii {
         /// As many as there were.
         got: usize,
-        /// Positions beside them.
+        /// Positions that came beside them.
         positions: usize,
     },
     /// A number that cannot be used.
@@ -36,7 +36,7 @@ pub enum PreviewSendError {
         what: &'static str,
         /// Its number, from 0.
         number: usize,
-        /// What it is.
+        /// What the number stands for.
         value: f64,
     },
     /// The daemon would refuse it.

@@ -143,7 +143,7 @@ wire! {
         pub steps: u32,
         /// Those of them that had a preview of their own before the next one closed.
         pub hits: u32,
-        /// Previews taken.
+        /// Previews that were taken over.
         pub taken: u32,
         /// Previews that a newer one of the same tick replaced, or that found no room.
         pub lost: u32,

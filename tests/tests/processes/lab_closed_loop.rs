@@ -151,7 +151,7 @@ fn a_number_of_the_law_changes_the_error_by_as_much_as_its_table_says() {
     assert!((ratio / told - 1.0).abs() < 1e-9 && (ratio - 1.0).abs() > 1e-3, "{ratio} {told}");
 }
 
-/// Predicts nothing.
+/// A program that predicts nothing.
 const SILENT: &str = "external:while read -r line; do echo '{}'; done";
 
 #[test]

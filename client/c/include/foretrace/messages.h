@@ -1452,7 +1452,7 @@ typedef struct foretrace_external_state {
   uint32_t steps;
   /** Those of them that had a preview of their own before the next one closed. */
   uint32_t hits;
-  /** Previews taken. */
+  /** Previews that were taken over. */
   uint32_t taken;
   /** Previews that a newer one of the same tick replaced, or that found no room. */
   uint32_t lost;

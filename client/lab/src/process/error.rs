@@ -17,19 +17,19 @@ pub enum ProcessFault {
     /// No shell, or no room for it.
     #[error("it cannot be started: {0}; the command is one for /bin/sh")]
     Start(String),
-    /// Silence.
+    /// It was silent for too long.
     #[error(
         "no answer within {seconds} s; every line needs an answer of one line, flushed: find out where it \
          hangs, or make it faster"
     )]
     Silent {
-        /// The bound \[s\].
+        /// How long it may be silent \[s\].
         seconds: f64,
     },
-    /// It is gone.
+    /// It ended before its time.
     #[error("it {0}; its own output says why, and it has to answer until its input ends")]
     Ended(String),
-    /// The system refused.
+    /// The system refused to read or write.
     #[error("reading or writing failed: {0}; start again")]
     Io(String),
     /// No end of the line.

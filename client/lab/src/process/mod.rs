@@ -19,7 +19,7 @@ use std::time::Duration;
 
 /// Names that begin so are commands for `/bin/sh -c`.
 pub const EXTERNAL: &str = "external:";
-/// Longest line \[bytes\].
+/// Longest line of an answer \[bytes\].
 pub const LONGEST_LINE: usize = 1 << 20;
 /// An answer may take so long.
 pub const PATIENCE: Duration = Duration::from_secs(30);

@@ -1,5 +1,5 @@
-//! Two estimates where another process predicts beside a built-in fallback: each predictor has its own record,
-//! shares and corrections, and what both come to is blended last.
+//! Two estimates where another process predicts beside a built-in fallback: each predictor has its own
+//! record, shares and corrections, and what both come to is blended last.
 //!
 //! Contract: with no part in the preview the process changes nothing of what the fallback comes to, neither
 //! before it has earned one nor after it has lost it. Fixed size, no allocation after construction, total.
@@ -16,7 +16,7 @@ pub(crate) struct Estimates {
     /// Of the built-in predictor.
     own: Estimate,
     own_preview: RefinedPreview,
-    /// Of another process's.
+    /// Of the predictor of another process.
     theirs: Estimate,
     their_preview: RefinedPreview,
     /// Shares of both, as of the newest update.
@@ -77,14 +77,15 @@ impl Estimates {
         };
         self.their_shares = theirs.believed();
         let mut worth = if part >= 0.5 { theirs } else { own };
-        // Whoever loses to the fallback goes in a few steps: trust is to end where neither is better than Hold.
+        // Whoever loses to the fallback goes in a few steps: trust ends where neither is better than Hold.
         if part > 0.0 {
             worth.record.evidence = own.record.evidence.max(theirs.record.evidence);
         }
         worth
     }
 
-    /// Corrects and shrinks the `preview` in force by the `newest` sample, each lead by its share where `per_step`.
+    /// Corrects and shrinks the `preview` in force by the `newest` sample, each lead by its share where
+    /// `per_step`.
     pub(crate) fn refine(
         &mut self,
         preview: &mut RefinedPreview,

@@ -216,8 +216,8 @@ impl Previewer {
         step
     }
 
-    /// Takes over what another process predicted for a plan that looks at `leads`; says why if it is not used.
-    /// `None`: it was not asked, another predictor is active.
+    /// Takes over what another process predicted for a plan that looks at `leads`; says why if it is not
+    /// used. `None`: it was not asked, another predictor is active.
     pub fn take(
         &mut self,
         preview: &ExternalPreview,
@@ -295,7 +295,8 @@ impl Previewer {
         }
     }
 
-    /// As `preview`, with what another process predicts; `None`: it predicted nothing that could be carried on.
+    /// As `preview`, with what another process predicts; `None`: it predicted nothing that could be carried
+    /// on.
     pub fn preview_of_process(&self, out: &mut [[f64; 2]]) -> Option<PreviewReport> {
         let mut report = self.preview_standing_in(out)?;
         report.bands = report.bands.or_given(|lead| self.external.radius(lead));

@@ -221,8 +221,8 @@ const FAMILIES: [(&str, Spoil); 20] = [
     }),
 ];
 
-/// Each is judged by the error beside that of the fallback, on a hand that nothing foresees and on one that the
-/// fallback does; every command is judged by the bench.
+/// Each is judged by the error beside that of the fallback, on a hand that nothing foresees and on one that
+/// the fallback does; every command is judged by the bench.
 #[test]
 fn whatever_a_hostile_process_sends_costs_at_most_a_tenth_beside_the_fallback() {
     let mut seen = [0; PreviewRefusal::ALL.len()];
@@ -255,7 +255,7 @@ fn whatever_a_hostile_process_sends_costs_at_most_a_tenth_beside_the_fallback() 
 /// Neither hand begins anew; `a_stroke_begins_without_the_preview_of_the_one_before` does.
 const OTHER_STROKE: usize = PreviewRefusal::OtherStroke.index();
 
-/// What comes after the end of a process that was right: the seconds in which the law still is as it was beside it.
+/// What comes after the end of a process that was right: the seconds in which the law is as it was beside it.
 #[test]
 fn after_a_process_has_ended_the_fallback_serves_as_well_within_seconds() {
     for (hand, path) in [("scribble", scribble as fn(f64) -> [f64; 2]), ("curve", curve)] {

@@ -41,7 +41,7 @@ pub struct Pair {
     pub base: [f64; 2],
     /// Of the external predictor.
     pub external: [[f64; 2]; LEADS],
-    /// Of the fallback.
+    /// What the fallback predicted, likewise.
     pub fallback: [[f64; 2]; LEADS],
 }
 
@@ -49,15 +49,15 @@ state! { whole [] Pair { base, external, fallback } }
 
 /// The fallback's squared error at one lead.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Spread {
+struct FallbackError {
     /// Sum of squares \[normalised²\], and of cases.
     squares: f64,
     cases: f64,
-    /// Mean square of the newest [`SOON`] cases \[normalised²\].
+    /// Mean distance in the newest [`SOON`] cases \[normalised\]; a large square would last longer.
     recent: f64,
 }
 
-state! { whole [] Spread { squares, cases, recent } }
+state! { whole [] FallbackError { squares, cases, recent } }
 
 /// The evidence, and who may be used.
 #[derive(Debug, Clone, PartialEq)]
@@ -66,7 +66,7 @@ pub struct Contest {
     /// predicted nothing there.
     pairs: [Option<Pair>; LEADS],
     newest: usize,
-    spreads: [Spread; LEADS],
+    spreads: [FallbackError; LEADS],
     evidence: f64,
     earned: bool,
     /// Times it lost its place, less those forgiven.
@@ -83,7 +83,7 @@ impl Default for Contest {
     fn default() -> Self {
         let first = |index: usize| {
             let error = 0.2 * TARGET_RMS * (index + 1) as f64;
-            Spread { squares: FIRST * error * error, cases: FIRST, recent: error * error }
+            FallbackError { squares: FIRST * error * error, cases: FIRST, recent: error }
         };
         Self {
             pairs: [None; LEADS],
@@ -111,10 +111,10 @@ impl Contest {
         self.evidence
     }
 
-    /// Error of the fallback at `lead` steps lately, rms \[normalised, in the plane\]; the last beyond.
+    /// Mean error of the fallback at `lead` steps lately \[normalised, in the plane\]; the last beyond.
     #[must_use]
     pub fn doubt(&self, lead: usize) -> f64 {
-        self.spreads.get(lead.clamp(1, LEADS) - 1).map_or(0.0, |spread| spread.recent.sqrt())
+        self.spreads.get(lead.clamp(1, LEADS) - 1).map_or(0.0, |spread| spread.recent)
     }
 
     /// What both predicted after the step that closed last; `None`: the external one predicted nothing.
@@ -130,8 +130,8 @@ impl Contest {
         self.pairs = [None; LEADS];
     }
 
-    /// A step closed at `position` \[m\] after ordinary motion, with `unit_m` metres per unit: judges what was
-    /// predicted for it, at the leads from `nearest` to `farthest` that plans use. `in_use`: the external
+    /// A step closed at `position` \[m\] after ordinary motion, with `unit_m` metres per unit: judges what
+    /// was predicted for it, at the leads from `nearest` to `farthest` that plans use. `in_use`: the external
     /// predictor was.
     pub fn judge(&mut self, position: [f64; 2], unit_m: f64, nearest: usize, farthest: usize, in_use: bool) {
         self.wait = self.wait.saturating_sub(1);
@@ -170,7 +170,7 @@ impl Contest {
     }
 }
 
-impl Spread {
+impl FallbackError {
     /// What a case says for the external predictor; `None`: the pen rested and both said so, which tells
     /// nothing and would make the spread that of rest.
     fn case(&mut self, pair: &Pair, index: usize, position: [f64; 2], unit_m: f64) -> Option<f64> {
@@ -186,7 +186,7 @@ impl Spread {
         // A jump that the grid did not see must not hide the errors of years to come.
         self.squares = forgetting * self.squares + fallback.min(1e6);
         self.cases = forgetting * self.cases + 1.0;
-        self.recent += (fallback.min(1e6) - self.recent) / SOON;
+        self.recent += (fallback.min(1e6).sqrt() - self.recent) / SOON;
         // Where neither has an error there is nothing to tell them apart by.
         Some(if fallback == external { 0.0 } else { gain })
     }

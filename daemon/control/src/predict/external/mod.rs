@@ -6,12 +6,11 @@
 //! p = p_fallback + w · (p_external − p_fallback),
 //!
 //! where the difference is at most [`DOUBT`] times the recent error of the fallback at its lead: what another
-//! process says is bounded by what the fallback may be wrong by. A hand that the fallback foresees leaves a lie
-//! no room, one that nothing foresees leaves the truth enough.
-//!
-//! with w rising and falling by a fixed amount per grid step, so that neither a loss nor a return moves the
-//! reference at once. w rises only while previews come in time and the [`Contest`] says that they are better
-//! than the fallback's. Trust, shares and corrections then judge the blend as any other preview.
+//! process says is bounded by what the fallback may be wrong by. A hand that the fallback foresees leaves a
+//! lie no room, one that nothing foresees leaves the truth enough. w rises and falls by a fixed amount per
+//! grid step, so that neither a loss nor a return moves the reference at once. It rises only while previews
+//! come in time and the [`Contest`] says that they are better than the fallback's. Trust, shares and
+//! corrections judge each of the two, and what both come to is blended.
 
 mod contest;
 mod preview;
@@ -99,8 +98,8 @@ pub(super) struct External {
 
 state! {
     [] External {
-        moves, radii, radii_count, count, base, positions, first, newest, fallback, made, answered, leads, unit_m,
-        weight, contest,
+        moves, radii, radii_count, count, base, positions, first, newest, fallback, made, answered, leads,
+        unit_m, weight, contest,
     }
     fixed { most_late }
 }
@@ -215,8 +214,8 @@ impl External {
         Some((self.fallback.get(..count)?, roll_out))
     }
 
-    /// Replaces `positions` \[m\], the fallback's after the newest step, by the other process's, as far as doubt
-    /// about the fallback allows; `false`: there are none.
+    /// Replaces `positions` \[m\], the fallback's after the newest step, by the other process's, as far as
+    /// doubt about the fallback allows; `false`: there are none.
     pub(super) fn replace(&self, positions: &mut [[f64; 2]]) -> bool {
         let Some(ahead) = self.ahead() else { return false };
         for (lead, ([x, y], [ex, ey])) in (1..).zip(positions.iter_mut().zip(ahead)) {
