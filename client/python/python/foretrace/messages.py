@@ -300,6 +300,7 @@ class PreviewRefusal(Enumeration):
     REPEATED = 5, "repeated"
     OTHER_STROKE = 6, "other stroke"
     WILD = 7, "wild"
+    MESSAGE = 8, "message"
 
 
 class PenFlags(enum.IntFlag):
@@ -837,7 +838,7 @@ class TickRecord(Record):
     trust: float
     #: Target of α.
     trust_target: float
-    #: The predictor's own score, [0, 1].
+    #: Part of another process's predictor in the preview, [0, 1]; negative: it is not chosen.
     confidence: float
     #: TrustReason.
     trust_reason: int
@@ -1161,34 +1162,43 @@ _check(NoteWords, 384)
 
 
 class ExternalState(Record):
-    """The predictor of another process, since it was chosen."""
+    """The predictor of another process. Counts are since the daemon started, saturated."""
 
     #: Its part in the preview in force, 0 to 1; the rest is the fallback's. Negative: it is not chosen.
     weight: float
     #: Evidence that it is better than the fallback, -10 to 10: used from 5 on, until it falls below 0.
     evidence: float
-    #: Grid steps that closed; this and the other counts saturated.
+    #: Mean of weight over the steps that closed while it was chosen; negative: none did.
+    share: float
+    #: Grid steps that closed while it was chosen.
     steps: int
     #: Those of them that had a preview of their own before the next one closed.
     hits: int
-    #: Previews taken, since the daemon started.
+    #: Previews that were taken over.
     taken: int
-    #: Previews refused by reason, in the order of PreviewRefusal from Malformed on, since the daemon started.
+    #: Previews that a newer one of the same tick replaced, or that found no room.
+    lost: int
+    #: Grid steps that could not be sent.
+    unsent: int
+    #: Previews refused by reason, in the order of PreviewRefusal from Malformed on.
     refused: ctypes.Array[ctypes.c_uint32]
-    #: From a grid step sent to its preview received, over the last second or two.
+    #: From a grid step sent to its preview received, over the last two seconds; 0: nothing came.
     latency: Percentiles
     _fields_ = [
         ("weight", ctypes.c_float),
         ("evidence", ctypes.c_float),
+        ("share", ctypes.c_float),
         ("steps", ctypes.c_uint32),
         ("hits", ctypes.c_uint32),
         ("taken", ctypes.c_uint32),
-        ("refused", ctypes.c_uint32 * 7),
+        ("lost", ctypes.c_uint32),
+        ("unsent", ctypes.c_uint32),
+        ("refused", ctypes.c_uint32 * 8),
         ("latency", Percentiles),
     ]
 
 
-_check(ExternalState, 64)
+_check(ExternalState, 80)
 
 
 class Status(Record):
@@ -1300,8 +1310,6 @@ class Status(Record):
     note: NoteWords
     #: The predictor of another process.
     external: ExternalState
-    #: Reserved, zero.
-    reserved: ctypes.Array[ctypes.c_uint64]
     _kinds_ = {"mode": Mode, "fault": FaultReason, "missing_rights": MissingRights, "trust_reason": TrustReason, "ghost_state": GhostState}
     _fields_ = [
         ("header", Header),
@@ -1357,7 +1365,6 @@ class Status(Record):
         ("note_since_ns", ctypes.c_uint64),
         ("note", NoteWords),
         ("external", ExternalState),
-        ("reserved", ctypes.c_uint64 * 2),
     ]
 
 
@@ -1429,7 +1436,7 @@ class PenStep(Record):
     motion: int
     #: 1: the pen touches the paper.
     contact: int
-    #: Positions that a preview has to have.
+    #: Positions that a preview should have: as many as the plan looks at, and more for a late one.
     wanted: int
     #: Zero.
     reserved: int
@@ -1462,7 +1469,7 @@ class PenPreview(Record):
     header: Header
     #: Number of the step after which it predicts (PenStep.index).
     base_index: int
-    #: Positions that count, from PenStep.wanted to PREVIEW_STEPS.
+    #: Positions that count, at most PREVIEW_STEPS; see PenStep.wanted.
     count: int
     #: preview_flags.
     flags: int
@@ -1488,4 +1495,4 @@ _check(PenPreview, 1576)
 
 
 #: The layout of everything above, in one number.
-LAYOUT_HASH = 0x93428f2d003aa5a2
+LAYOUT_HASH = 0x6f32550d2a5bc394
