@@ -53,7 +53,7 @@ struct FallbackError {
     /// Sum of squares \[normalised²\], and of cases.
     squares: f64,
     cases: f64,
-    /// Mean distance in the newest [`SOON`] cases \[normalised\]; a large square would last longer.
+    /// Mean square in the newest [`SOON`] cases \[normalised²\].
     recent: f64,
 }
 
@@ -83,7 +83,7 @@ impl Default for Contest {
     fn default() -> Self {
         let first = |index: usize| {
             let error = 0.2 * TARGET_RMS * (index + 1) as f64;
-            FallbackError { squares: FIRST * error * error, cases: FIRST, recent: error }
+            FallbackError { squares: FIRST * error * error, cases: FIRST, recent: error * error }
         };
         Self {
             pairs: [None; LEADS],
@@ -111,10 +111,10 @@ impl Contest {
         self.evidence
     }
 
-    /// Mean error of the fallback at `lead` steps lately \[normalised, in the plane\]; the last beyond.
+    /// Error of the fallback at `lead` steps lately, RMS \[normalised, in the plane\]; the last beyond.
     #[must_use]
     pub fn doubt(&self, lead: usize) -> f64 {
-        self.spreads.get(lead.clamp(1, LEADS) - 1).map_or(0.0, |spread| spread.recent)
+        self.spreads.get(lead.clamp(1, LEADS) - 1).map_or(0.0, |spread| spread.recent.sqrt())
     }
 
     /// What both predicted after the step that closed last; `None`: the external one predicted nothing.
@@ -186,7 +186,7 @@ impl FallbackError {
         // A jump that the grid did not see must not hide the errors of years to come.
         self.squares = forgetting * self.squares + fallback.min(1e6);
         self.cases = forgetting * self.cases + 1.0;
-        self.recent += (fallback.min(1e6).sqrt() - self.recent) / SOON;
+        self.recent += (fallback.min(1e6) - self.recent) / SOON;
         // Where neither has an error there is nothing to tell them apart by.
         Some(if fallback == external { 0.0 } else { gain })
     }
