@@ -16,7 +16,7 @@ use super::Shard;
 /// Raised when a field changes its meaning.
 const FORMAT: u32 = 1;
 /// Longest file \[bytes\].
-const LONGEST: u64 = 4 << 30;
+pub const LONGEST: u64 = 4 << 30;
 /// Missing shards that a message names.
 const NAMED: usize = 20;
 

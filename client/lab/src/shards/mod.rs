@@ -21,7 +21,7 @@ use serde::{Deserialize, Serialize};
 
 pub use closed::{ClosedLoopPart, ClosedLoopRun, MergedLoop, closed_loop_part, digest, own_hands};
 pub use exact::{Digest, Exact};
-pub use file::{MergeError, ShardFile, command_of};
+pub use file::{LONGEST, MergeError, ShardFile, command_of};
 pub use leads::{LeadPart, LeadRun, MergedLeads, lead_part};
 pub use scored::{SetRun, brought, networks, owned};
 pub use tables::{MergedTable, TablePart, TableRun, table_part};
