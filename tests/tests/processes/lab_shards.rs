@@ -1,6 +1,8 @@
 //! Shards of the lab's commands, and their merge: the result of a run that is not cut, to the last byte.
 
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 
 use foretrace_tests::{World, assert_refused, told};
 use serde_json::Value;
@@ -188,6 +190,70 @@ fn the_closed_loop_from_shards_is_that_of_the_whole() {
         assert_eq!(merged.0, whole.0);
         assert!(merged.1 == whole.1 && merged.2 == whole.2, "{count} shards");
     }
+}
+
+#[test]
+fn settings_count_by_what_they_mean_and_what_their_files_hold() {
+    let world = World::alone(PROGRAM);
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let network = std::fs::read(root.join("config/models/lstm10-10ms.safetensors")).unwrap();
+    let urdf = std::fs::read_to_string(root.join("config/robots/ur5.urdf")).unwrap();
+    // The last bit of the last weight.
+    let mut other_network = network.clone();
+    let last = network.len() - 4;
+    other_network[last] ^= 1;
+    let other_urdf = urdf.replacen("<mass value=\"", "<mass value=\"1", 1);
+    assert_ne!(urdf, other_urdf);
+    let shard = |name: &str, index: usize, remark: &str, network: &[u8], urdf: &str| {
+        std::fs::create_dir_all(world.file(name)).unwrap();
+        std::fs::write(world.file(&format!("{name}/{name}.safetensors")), network).unwrap();
+        world.write(&format!("{name}/{name}.urdf"), urdf);
+        let settings = format!(
+            "{remark}preset = \"ur5\"\n[robot]\nurdf = \"{name}.urdf\"\ntool_m = [0, 0, 0.15]\n\
+             [predictor]\nlstm = \"{name}.safetensors\"\n"
+        );
+        let config = world.write(&format!("{name}/table.toml"), &settings);
+        let (file, shard) = (world.file(&format!("{name}.json")).display().to_string(), format!("{index}/2"));
+        let command = ["lab", "closed-loop", "--text", "a", "--arms", "ideal", "--predictors", "hold"];
+        done(&world, &[&command[..], &["--config", &config, "--shard", &shard, "--json", &file]].concat());
+        file
+    };
+    let merge =
+        |files: [&str; 2]| world.run_plain(&["lab", "merge", files[0], files[1], "--out", "/dev/null/x"]);
+    let one = shard("one", 1, "", &network, &urdf);
+    // Other places and other lines are not other settings.
+    let two = shard("two", 2, "# Two.\n\n", &network, &urdf);
+    let out = world.file("pictures").display().to_string();
+    done(&world, &["lab", "merge", &one, &two, "--out", &out]);
+    let other = shard("network", 2, "", &other_network, &urdf);
+    assert_refused(&merge([&one, &other]), 5, &["different runs", "run.files"]);
+    let other = shard("robot", 2, "", &network, &other_urdf);
+    assert_refused(&merge([&one, &other]), 5, &["different runs", "run.files"]);
+}
+
+#[test]
+fn another_build_of_the_same_version_is_another_program() {
+    let world = World::alone(PROGRAM);
+    let set = set(&world, "set", 1.0);
+    let command = ["lab", "evaluate", "--data", &set, "--models", "hold"];
+    let [one, two] = [1, 2].map(|index| {
+        let file = world.file(&format!("{index}.json")).display().to_string();
+        (format!("{index}/2"), file)
+    });
+    done(&world, &[&command[..], &["--shard", &one.0, "--json", &one.1]].concat());
+    let other = world.file("foretrace");
+    std::fs::copy(PROGRAM, &other).unwrap();
+    let run = || {
+        let status = Command::new(&other).args(command).args(["--shard", &two.0, "--json", &two.1]).status();
+        assert!(status.unwrap().success());
+    };
+    // A copy is the same program.
+    run();
+    done(&world, &["lab", "merge", &one.1, &two.1]);
+    std::fs::OpenOptions::new().append(true).open(&other).unwrap().write_all(b"\0").unwrap();
+    run();
+    let refused = world.run_plain(&["lab", "merge", &one.1, &two.1]);
+    assert_refused(&refused, 5, &["different runs", "program_file", "same program"]);
 }
 
 #[test]

@@ -10,7 +10,7 @@ use foretrace_lab::closed_loop::{
     BenchArm, Benchmark, Each, Flaws, HandOptions, HandsOfArms, MethodOutcome, ParetoPoint, Rival,
     hands_of_set, hands_of_texts, pictures, table_lines,
 };
-use foretrace_lab::shards::{ClosedLoopRun, Shard, closed_loop_part, digest, own_hands};
+use foretrace_lab::shards::{ClosedLoopRun, Shard, closed_loop_part, digest, files_digest, own_hands};
 use foretrace_sim::data::Split;
 use foretrace_sim::path::Lift;
 use serde_json::json;
@@ -228,7 +228,8 @@ fn write_shard(
         hands: arms.iter().map(|(_, hands)| hands.len()).collect(),
         predictors: rivals.iter().map(|rival| rival.name().to_owned()).collect(),
         options: format!("{flaws:?}\n{law:?}"),
-        settings: config.render(),
+        settings: config.meaning(),
+        files: files_digest(config),
         data: digest(&arms),
     };
     let sequences = |arms: &HandsOfArms| {

@@ -1,6 +1,8 @@
 //! `--shard I/N` of the lab's long commands.
 
-use foretrace_lab::shards::{LONGEST, Shard, ShardFile};
+use std::path::Path;
+
+use foretrace_lab::shards::{Digest, LONGEST, Shard, ShardFile};
 use serde::Serialize;
 
 use crate::failure::Failure;
@@ -14,6 +16,13 @@ pub(crate) struct ShardArgs {
     pub(super) shard: Option<Shard>,
 }
 
+/// Of the file of this program, also where that was replaced since it was started.
+fn own_file() -> Result<String, Failure> {
+    Digest::of_file(Path::new("/proc/self/exe")).map_err(|error| {
+        Failure::failed(format_args!("the file of this program cannot be read: {error}"), "")
+    })
+}
+
 /// Writes what a shard found, and says how much of `what` it was.
 pub(super) fn write<R: Serialize, P: Serialize>(
     json: &JsonArgs,
@@ -23,7 +32,7 @@ pub(super) fn write<R: Serialize, P: Serialize>(
     part: P,
     [own, all]: [usize; 2],
 ) -> Result<(), Failure> {
-    let file = ShardFile::new(crate::version::program(), command, shard, run, part);
+    let file = ShardFile::new((crate::version::program(), own_file()?), command, shard, run, part);
     json.write_dense(&file, LONGEST)?;
     say!(
         "shard {} of {}: {own} of {all} sequences; with all of them: foretrace lab merge FILES",

@@ -19,7 +19,9 @@ use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
-pub use closed::{ClosedLoopPart, ClosedLoopRun, MergedLoop, closed_loop_part, digest, own_hands};
+pub use closed::{
+    ClosedLoopPart, ClosedLoopRun, MergedLoop, closed_loop_part, digest, files_digest, own_hands,
+};
 pub use exact::{Digest, Exact};
 pub use file::{LONGEST, MergeError, ShardFile, command_of};
 pub use leads::{LeadPart, LeadRun, MergedLeads, lead_part};
