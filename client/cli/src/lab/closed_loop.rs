@@ -306,7 +306,14 @@ fn rivals(names: &[String], pareto: bool) -> Result<Vec<Rival>, Failure> {
     let named = |name: &String| {
         Rival::named(name.trim()).map_err(|error| Failure::usage(error, "choose from them (--predictors)"))
     };
-    names.iter().map(named).collect()
+    let rivals: Vec<Rival> = names.iter().map(named).collect::<Result<_, _>>()?;
+    match rivals.iter().enumerate().find(|(i, rival)| rivals.iter().take(*i).any(|r| r == *rival)) {
+        Some((_, twice)) => Err(Failure::usage(
+            format_args!("method {:?} is named twice", twice.name()),
+            "name each once (--predictors)",
+        )),
+        None => Ok(rivals),
+    }
 }
 
 pub(super) fn arms(names: &[String]) -> Result<Vec<BenchArm>, Failure> {

@@ -203,6 +203,11 @@ impl MergedLoop {
             .iter()
             .map(|name| Rival::named(name).map_err(|error| bad(&first, error.to_string())))
             .collect::<Result<_, _>>()?;
+        if let Some(twice) =
+            rivals.iter().enumerate().find(|(i, rival)| rivals.iter().take(*i).any(|r| r == *rival))
+        {
+            return Err(bad(&first, format!("method {:?} is named twice", twice.1.name())));
+        }
         if run.hands.len() != arms.len() {
             return Err(bad(&first, format!("{} arms, but hands of {}", arms.len(), run.hands.len())));
         }

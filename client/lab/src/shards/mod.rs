@@ -31,6 +31,17 @@ pub use tables::{MergedTable, TablePart, TableRun, table_part};
 /// Most shards of a run.
 pub const MOST_SHARDS: usize = 100_000;
 
+/// Most models of a run that is put together: each is looked for among all.
+const MOST_MODELS: usize = 10_000;
+
+fn few(models: &[String]) -> Result<(), String> {
+    let count = models.len();
+    if count > MOST_MODELS {
+        return Err(format!("{count} models, {MOST_MODELS} are the most that are put together"));
+    }
+    Ok(())
+}
+
 /// One part of a run: `index` of `count`, from 1.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Shard {
