@@ -1,5 +1,6 @@
 //! Shards of the lab's commands, and their merge: the result of a run that is not cut, to the last byte.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -37,6 +38,7 @@ fn set(world: &World, name: &str, stretch: f64) -> String {
             let range =
                 if component - first > 1 { format!("{first}-{}", component - 1) } else { first.to_string() };
             let label = ["o", "C", "e"][character as usize];
+            segments += &format!(".WRITER_ID {}\n", ["a", "b"][character as usize % 2]);
             segments += &format!(".SEGMENT CHARACTER {range} OK \"{label}\"\n");
         }
         let file_name = format!("{name}/w{file}.dat");
@@ -99,6 +101,29 @@ fn result(world: &World, command: &[&str], out: &str) -> (String, String, Vec<(P
     (kept.collect::<Vec<_>>().join("\n"), value.to_string(), pictures.into_iter().map(drawn).collect())
 }
 
+/// Every hand of `parts`, which name file and writer, is in one shard; two writers of a file are two hands.
+fn hands_are_of_writers(files: &[String], hands: impl Fn(&Value) -> Vec<Value>) {
+    let mut owners: BTreeMap<(String, String), BTreeSet<usize>> = BTreeMap::new();
+    for (shard, file) in files.iter().enumerate() {
+        let value: Value = serde_json::from_str(&std::fs::read_to_string(file).unwrap()).unwrap();
+        for hand in hands(&value["part"]) {
+            let [name, writer] = ["file", "writer"].map(|key| hand[key].as_str().unwrap().to_owned());
+            owners.entry((name, writer)).or_default().insert(shard);
+        }
+    }
+    assert!(
+        owners.keys().any(|(_, writer)| writer == "b") && owners.values().all(|shards| shards.len() == 1)
+    );
+    let apart = |((file, writer), shards): (&(String, String), &BTreeSet<usize>)| {
+        writer == "a" && owners.get(&(file.clone(), "b".to_owned())).is_some_and(|others| others != shards)
+    };
+    assert!(owners.iter().any(apart), "{owners:?}");
+}
+
+fn list(value: &Value) -> Vec<Value> {
+    value.as_array().unwrap().clone()
+}
+
 fn same_whatever_the_cut(command: &[&str], world: &World, name: &str, counts: &[usize]) {
     let whole = result(world, command, &format!("{name}-whole"));
     for &count in counts {
@@ -131,6 +156,7 @@ fn tables_from_shards_are_those_of_the_whole() {
     );
     let evaluate = ["lab", "evaluate", "--data", &set, "--models", "dybm,mixture"];
     same_whatever_the_cut(&evaluate, &world, "evaluate", &[1, 3, 17]);
+    hands_are_of_writers(&shards(&world, &evaluate, 3), |part| list(&part["sequences"]));
     // Every shard trains the same network.
     let trained = ["lab", "table1", "--data", &set, "--models", "hold,lstm10", "--train"];
     same_whatever_the_cut(&trained, &world, "trained", &[2]);
@@ -187,6 +213,9 @@ fn the_closed_loop_from_shards_is_that_of_the_whole() {
         let files = shards(&world, plain, count);
         let merge: Vec<&str> = ["lab", "merge"].into_iter().chain(files.iter().map(String::as_str)).collect();
         let merged = result(&world, &merge, &format!("merged-{count}"));
+        if count == 3 {
+            hands_are_of_writers(&files, |part| list(&part["arms"][0]["hands"]));
+        }
         assert_eq!(merged.0, whole.0);
         assert!(merged.1 == whole.1 && merged.2 == whole.2, "{count} shards");
     }
