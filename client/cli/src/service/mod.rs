@@ -5,6 +5,8 @@
 //! services of the other programs.
 
 mod host;
+#[cfg(test)]
+mod script_tests;
 mod unit;
 
 use std::io::IsTerminal as _;
