@@ -14,7 +14,31 @@ pub fn keys() -> &'static [Key] {
     &table().keys
 }
 
+/// Keys whose value is the name of something embedded, or a path.
+const FILE_KEYS: [&str; 5] = [
+    "robot.urdf",
+    "predictor.lstm",
+    "predictor.mixture.network",
+    "predictor.mixture.foresight",
+    "predictor.refine.prior",
+];
+
 impl Config {
+    /// Every key with its value, one a line, without where it comes from and without paths of files: settings
+    /// that mean the same have the same text on every machine, wherever they lie. What the files hold is in
+    /// [`Config::robot`], [`Config::models`] and [`Config::prior`].
+    #[must_use]
+    pub fn meaning(&self) -> String {
+        let values = values(self.settings());
+        let line = |key: &Key| {
+            let value = values.get(&key.path).and_then(Option::as_deref).unwrap_or("not set");
+            // Paths are absolute, names of what is embedded are not.
+            let is_path = FILE_KEYS.contains(&key.path.as_str()) && value.starts_with("\"/");
+            format!("{} = {}\n", key.path, if is_path { "a file" } else { value })
+        };
+        keys().iter().map(line).collect()
+    }
+
     /// The settings in force as TOML with comments, each value with its origin. Loads as the same settings.
     #[must_use]
     pub fn render(&self) -> String {

@@ -143,6 +143,24 @@ fn rendering_says_where_each_value_comes_from() {
 }
 
 #[test]
+fn the_meaning_of_settings_is_the_same_wherever_they_lie() {
+    let of = |folder: &std::path::Path, name: &str, text: &str| {
+        let urdf = crate::presets::robot("ur5").unwrap();
+        std::fs::write(folder.join(format!("{name}.urdf")), urdf).unwrap();
+        let text =
+            format!("preset = \"ur5\"\n{text}\n[robot]\nurdf = \"{name}.urdf\"\ntool_m = [0, 0, 0.15]\n");
+        Config::parse(&text, &format!("{name}.toml"), folder).unwrap().meaning()
+    };
+    let (a, b) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let one = of(a.path(), "one", "");
+    assert_eq!(one, of(b.path(), "two", "# Other lines.\n"));
+    assert!(one.contains("robot.urdf = a file\n") && one.contains("predictor.kind = \"mixture\"\n"), "{one}");
+    assert_ne!(one, of(b.path(), "two", "[trust]\nramp_steps = 21\n"));
+    assert_ne!(one, Config::preset("ur5").unwrap().meaning(), "an embedded robot is none of a file");
+    assert_eq!(one.lines().count(), crate::keys().len());
+}
+
+#[test]
 fn a_later_layer_wins_key_by_key() {
     let config = over_ur5("[mpc.limits.x]\njerk_mps3 = 300\n").unwrap();
     let limits = &config.settings().mpc.limits;

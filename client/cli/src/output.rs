@@ -45,14 +45,14 @@ impl JsonArgs {
 
     /// The same, where the work makes the folder `made` in which the file may lie.
     pub(crate) fn claim_beside(&self, made: &Path) -> Result<(), Failure> {
-        self.claim_with(Some(made))?;
-        if holds_results(made) {
-            note!(
-                "{} has files of an earlier run: those of the same name are replaced (--out DIR keeps them)",
-                made.display()
-            );
-        }
+        self.claim_in(made)?;
+        note_results(made);
         Ok(())
+    }
+
+    /// The same, where it is not known yet whether anything of an earlier run is replaced.
+    pub(crate) fn claim_in(&self, made: &Path) -> Result<(), Failure> {
+        self.claim_with(Some(made))
     }
 
     fn claim_with(&self, made: Option<&Path>) -> Result<(), Failure> {
@@ -95,10 +95,19 @@ impl JsonArgs {
         self.put(serde_json::to_string_pretty(result))
     }
 
-    /// The same in one line: for results that only programs read.
+    /// The same in one line of at most `most` bytes: for parts of results, which only programs read.
     #[cfg(feature = "lab")]
-    pub(crate) fn write_dense<T: Serialize>(&self, result: &T) -> Result<(), Failure> {
-        self.put(serde_json::to_string(result))
+    pub(crate) fn write_dense<T: Serialize>(&self, result: &T, most: u64) -> Result<(), Failure> {
+        let text = serde_json::to_string(result);
+        match &text {
+            // With the end of the line.
+            Ok(text) if text.len() as u64 >= most => {
+                let what =
+                    format_args!("this part has {} bytes, {most} are the most that are read", text.len());
+                Err(Failure::bad_input(what, "cut the run into more shards (--shard I/N)"))
+            }
+            _ => self.put(text),
+        }
     }
 
     fn put(&self, json: serde_json::Result<String>) -> Result<(), Failure> {
@@ -121,6 +130,16 @@ pub(crate) fn write_file(file: &Path, text: &str, option: &str) -> Result<(), Fa
         let what = format_args!("cannot write {}: {error}", file.display());
         Failure::failed(what, format_args!("give a writable {option} FILE"))
     })
+}
+
+/// Says that reports or pictures in the folder are replaced, if it has any.
+pub(crate) fn note_results(made: &Path) {
+    if holds_results(made) {
+        note!(
+            "{} has files of an earlier run: those of the same name are replaced (--out DIR keeps them)",
+            made.display()
+        );
+    }
 }
 
 /// Whether a folder has reports or pictures, which a run would replace.

@@ -1,6 +1,9 @@
 //! Shards of the lab's commands, and their merge: the result of a run that is not cut, to the last byte.
 
+use std::collections::{BTreeMap, BTreeSet};
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 
 use foretrace_tests::{World, assert_refused, told};
 use serde_json::Value;
@@ -35,6 +38,7 @@ fn set(world: &World, name: &str, stretch: f64) -> String {
             let range =
                 if component - first > 1 { format!("{first}-{}", component - 1) } else { first.to_string() };
             let label = ["o", "C", "e"][character as usize];
+            segments += &format!(".WRITER_ID {}\n", ["a", "b"][character as usize % 2]);
             segments += &format!(".SEGMENT CHARACTER {range} OK \"{label}\"\n");
         }
         let file_name = format!("{name}/w{file}.dat");
@@ -97,6 +101,29 @@ fn result(world: &World, command: &[&str], out: &str) -> (String, String, Vec<(P
     (kept.collect::<Vec<_>>().join("\n"), value.to_string(), pictures.into_iter().map(drawn).collect())
 }
 
+/// Every hand of `parts`, which name file and writer, is in one shard; two writers of a file are two hands.
+fn hands_are_of_writers(files: &[String], hands: impl Fn(&Value) -> Vec<Value>) {
+    let mut owners: BTreeMap<(String, String), BTreeSet<usize>> = BTreeMap::new();
+    for (shard, file) in files.iter().enumerate() {
+        let value: Value = serde_json::from_str(&std::fs::read_to_string(file).unwrap()).unwrap();
+        for hand in hands(&value["part"]) {
+            let [name, writer] = ["file", "writer"].map(|key| hand[key].as_str().unwrap().to_owned());
+            owners.entry((name, writer)).or_default().insert(shard);
+        }
+    }
+    assert!(
+        owners.keys().any(|(_, writer)| writer == "b") && owners.values().all(|shards| shards.len() == 1)
+    );
+    let apart = |((file, writer), shards): (&(String, String), &BTreeSet<usize>)| {
+        writer == "a" && owners.get(&(file.clone(), "b".to_owned())).is_some_and(|others| others != shards)
+    };
+    assert!(owners.iter().any(apart), "{owners:?}");
+}
+
+fn list(value: &Value) -> Vec<Value> {
+    value.as_array().unwrap().clone()
+}
+
 fn same_whatever_the_cut(command: &[&str], world: &World, name: &str, counts: &[usize]) {
     let whole = result(world, command, &format!("{name}-whole"));
     for &count in counts {
@@ -129,6 +156,7 @@ fn tables_from_shards_are_those_of_the_whole() {
     );
     let evaluate = ["lab", "evaluate", "--data", &set, "--models", "dybm,mixture"];
     same_whatever_the_cut(&evaluate, &world, "evaluate", &[1, 3, 17]);
+    hands_are_of_writers(&shards(&world, &evaluate, 3), |part| list(&part["sequences"]));
     // Every shard trains the same network.
     let trained = ["lab", "table1", "--data", &set, "--models", "hold,lstm10", "--train"];
     same_whatever_the_cut(&trained, &world, "trained", &[2]);
@@ -185,9 +213,76 @@ fn the_closed_loop_from_shards_is_that_of_the_whole() {
         let files = shards(&world, plain, count);
         let merge: Vec<&str> = ["lab", "merge"].into_iter().chain(files.iter().map(String::as_str)).collect();
         let merged = result(&world, &merge, &format!("merged-{count}"));
+        if count == 3 {
+            hands_are_of_writers(&files, |part| list(&part["arms"][0]["hands"]));
+        }
         assert_eq!(merged.0, whole.0);
         assert!(merged.1 == whole.1 && merged.2 == whole.2, "{count} shards");
     }
+}
+
+#[test]
+fn settings_count_by_what_they_mean_and_what_their_files_hold() {
+    let world = World::alone(PROGRAM);
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let network = std::fs::read(root.join("config/models/lstm10-10ms.safetensors")).unwrap();
+    let urdf = std::fs::read_to_string(root.join("config/robots/ur5.urdf")).unwrap();
+    // The last bit of the last weight.
+    let mut other_network = network.clone();
+    let last = network.len() - 4;
+    other_network[last] ^= 1;
+    let other_urdf = urdf.replacen("<mass value=\"", "<mass value=\"1", 1);
+    assert_ne!(urdf, other_urdf);
+    let shard = |name: &str, index: usize, remark: &str, network: &[u8], urdf: &str| {
+        std::fs::create_dir_all(world.file(name)).unwrap();
+        std::fs::write(world.file(&format!("{name}/{name}.safetensors")), network).unwrap();
+        world.write(&format!("{name}/{name}.urdf"), urdf);
+        let settings = format!(
+            "{remark}preset = \"ur5\"\n[robot]\nurdf = \"{name}.urdf\"\ntool_m = [0, 0, 0.15]\n\
+             [predictor]\nlstm = \"{name}.safetensors\"\n"
+        );
+        let config = world.write(&format!("{name}/table.toml"), &settings);
+        let (file, shard) = (world.file(&format!("{name}.json")).display().to_string(), format!("{index}/2"));
+        let command = ["lab", "closed-loop", "--text", "a", "--arms", "ideal", "--predictors", "hold"];
+        done(&world, &[&command[..], &["--config", &config, "--shard", &shard, "--json", &file]].concat());
+        file
+    };
+    let merge =
+        |files: [&str; 2]| world.run_plain(&["lab", "merge", files[0], files[1], "--out", "/dev/null/x"]);
+    let one = shard("one", 1, "", &network, &urdf);
+    // Other places and other lines are not other settings.
+    let two = shard("two", 2, "# Two.\n\n", &network, &urdf);
+    let out = world.file("pictures").display().to_string();
+    done(&world, &["lab", "merge", &one, &two, "--out", &out]);
+    let other = shard("network", 2, "", &other_network, &urdf);
+    assert_refused(&merge([&one, &other]), 5, &["different runs", "run.files"]);
+    let other = shard("robot", 2, "", &network, &other_urdf);
+    assert_refused(&merge([&one, &other]), 5, &["different runs", "run.files"]);
+}
+
+#[test]
+fn another_build_of_the_same_version_is_another_program() {
+    let world = World::alone(PROGRAM);
+    let set = set(&world, "set", 1.0);
+    let command = ["lab", "evaluate", "--data", &set, "--models", "hold"];
+    let [one, two] = [1, 2].map(|index| {
+        let file = world.file(&format!("{index}.json")).display().to_string();
+        (format!("{index}/2"), file)
+    });
+    done(&world, &[&command[..], &["--shard", &one.0, "--json", &one.1]].concat());
+    let other = world.file("foretrace");
+    std::fs::copy(PROGRAM, &other).unwrap();
+    let run = || {
+        let status = Command::new(&other).args(command).args(["--shard", &two.0, "--json", &two.1]).status();
+        assert!(status.unwrap().success());
+    };
+    // A copy is the same program.
+    run();
+    done(&world, &["lab", "merge", &one.1, &two.1]);
+    std::fs::OpenOptions::new().append(true).open(&other).unwrap().write_all(b"\0").unwrap();
+    run();
+    let refused = world.run_plain(&["lab", "merge", &one.1, &two.1]);
+    assert_refused(&refused, 5, &["different runs", "program_file", "same program"]);
 }
 
 #[test]
@@ -206,7 +301,11 @@ fn shards_that_are_not_all_of_one_run_are_refused() {
         run(&a, "dybm", "2/3", "2.json"),
         run(&a, "dybm", "3/3", "3.json"),
     );
-    done(&world, &["lab", "merge", &three, &one, &two]);
+    // Where nothing is drawn nothing of an earlier run is replaced.
+    world.write("report.html", "");
+    let folder = world.file("").display().to_string();
+    let merged = world.run_plain(&["lab", "merge", &three, &one, &two, "--out", &folder]);
+    assert!(merged.status.success() && !told(&merged).contains("earlier run"), "{}", told(&merged));
     assert_refused(&merge(&[&one, &three]), 5, &["1 of 3 shards are missing", ": 2;"]);
     assert_refused(&merge(&[&one, &two, &three, &one]), 5, &["both shard 1/3", "1.json"]);
     let other = run(&a, "dybm", "2/4", "4.json");

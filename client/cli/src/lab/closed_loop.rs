@@ -10,7 +10,7 @@ use foretrace_lab::closed_loop::{
     BenchArm, Benchmark, Each, Flaws, HandOptions, HandsOfArms, MethodOutcome, ParetoPoint, Rival,
     hands_of_set, hands_of_texts, pictures, table_lines,
 };
-use foretrace_lab::shards::{ClosedLoopRun, Shard, closed_loop_part, digest, own_hands};
+use foretrace_lab::shards::{ClosedLoopRun, Shard, closed_loop_part, digest, files_digest, own_hands};
 use foretrace_sim::data::Split;
 use foretrace_sim::path::Lift;
 use serde_json::json;
@@ -229,7 +229,8 @@ fn write_shard(
         hands: arms.iter().map(|(_, hands)| hands.len()).collect(),
         predictors: rivals.iter().map(|rival| rival.name().to_owned()).collect(),
         options: format!("{flaws:?}\n{law:?}"),
-        settings: config.render(),
+        settings: config.meaning(),
+        files: files_digest(config),
         data: digest(&arms),
     };
     let sequences = |arms: &HandsOfArms| {
@@ -307,7 +308,14 @@ fn rivals(names: &[String], pareto: bool) -> Result<Vec<Rival>, Failure> {
     let named = |name: &String| {
         Rival::named(name.trim()).map_err(|error| Failure::usage(error, "choose from them (--predictors)"))
     };
-    names.iter().map(named).collect()
+    let rivals: Vec<Rival> = names.iter().map(named).collect::<Result<_, _>>()?;
+    match rivals.iter().enumerate().find(|(i, rival)| rivals.iter().take(*i).any(|r| r == *rival)) {
+        Some((_, twice)) => Err(Failure::usage(
+            format_args!("method {:?} is named twice", twice.name()),
+            "name each once (--predictors)",
+        )),
+        None => Ok(rivals),
+    }
 }
 
 pub(super) fn arms(names: &[String]) -> Result<Vec<BenchArm>, Failure> {

@@ -7,7 +7,7 @@ use foretrace_lab::shards::{MergeError, MergedLeads, MergedLoop, MergedTable, co
 
 use super::{closed_loop, evaluate, leadtime, table1};
 use crate::failure::Failure;
-use crate::output::{JsonArgs, note};
+use crate::output::{JsonArgs, note, note_results};
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Example:\n  \
@@ -27,10 +27,15 @@ pub(crate) struct MergeArgs {
 }
 
 pub(super) fn run(args: &MergeArgs) -> Result<(), Failure> {
-    args.json.claim_beside(&args.out)?;
+    args.json.claim_in(&args.out)?;
     let wrong = |error: MergeError| Failure::bad_input(error, "");
     let MergeArgs { files, out, json } = args;
-    match command_of(files).map_err(wrong)?.as_str() {
+    let command = command_of(files).map_err(wrong)?;
+    // That one draws nothing.
+    if command != evaluate::NAME {
+        note_results(out);
+    }
+    match command.as_str() {
         closed_loop::NAME => {
             let merged = MergedLoop::of(files).map_err(wrong)?;
             let MergedLoop { run, arms, outcomes } = &merged;

@@ -2,8 +2,9 @@
 
 use std::fs;
 use std::io::ErrorKind;
+use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::process::{Command, Stdio};
 
 use super::unit::MARK;
 use crate::failure::{Cause, Failure};
@@ -23,6 +24,31 @@ impl ServiceStep {
     pub(super) fn words(&self) -> String {
         self.0.join(" ")
     }
+}
+
+/// What the service does with a file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum FileUse {
+    Read,
+    Run,
+}
+
+/// The numbers of a user and of its group.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct SystemUser {
+    user: u32,
+    group: u32,
+}
+
+/// What decides whether the service can be changed.
+#[derive(Debug, Clone, Copy)]
+struct ServiceMachine {
+    systemd: bool,
+    root: bool,
+    /// A package's unit of the same name is there.
+    packaged: bool,
+    /// The system user is there.
+    user: bool,
 }
 
 /// Where the service is to be.
@@ -64,43 +90,65 @@ impl Host {
         })
     }
 
-    /// Refuses a file that the system unit cannot read.
-    pub(super) fn reachable(&self, file: &Path) -> Result<(), Failure> {
-        if self.user || !HIDDEN.iter().any(|home| file.starts_with(home)) {
+    /// Refuses a file that the system unit does not see, or that its user may not use so.
+    pub(super) fn reachable(&self, file: &Path, wanted: FileUse) -> Result<(), Failure> {
+        if self.user {
             return Ok(());
         }
         let name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        let what = format_args!("{} lies where the service does not see it", file.display());
-        let remedy = if file.extension().is_some_and(|ending| ending == "toml") {
-            format!("sudo install -D -m 644 {} /etc/foretrace/{name}, and give that", file.display())
-        } else {
-            format!("sudo install -m 755 {} /usr/local/bin/, and run that; or give --user", file.display())
+        let remedy = match wanted {
+            FileUse::Read => {
+                format!("sudo install -D -m 644 {} /etc/foretrace/{name}, and give that", file.display())
+            }
+            FileUse::Run => {
+                format!(
+                    "sudo install -m 755 {} /usr/local/bin/, and run that; or give --user",
+                    file.display()
+                )
+            }
         };
-        Err(Failure::bad_input(what, remedy))
+        if HIDDEN.iter().any(|home| file.starts_with(home)) {
+            let what = format_args!("{} lies where the service does not see it", file.display());
+            return Err(Failure::bad_input(what, remedy));
+        }
+        usable(file, wanted, system_user(&passwd())).map_err(|why| Failure::bad_input(why, remedy))
     }
 
     /// Refuses where the service cannot be changed.
-    pub(super) fn ready(&self) -> Result<(), Failure> {
+    pub(super) fn ready(&self, installing: bool) -> Result<(), Failure> {
+        self.judged(
+            installing,
+            ServiceMachine {
+                systemd: Path::new("/run/systemd/system").is_dir(),
+                root: rustix::process::geteuid().is_root(),
+                packaged: PACKAGED.iter().any(|folder| Path::new(folder).join(NAME).exists()),
+                user: system_user(&passwd()).is_some(),
+            },
+        )
+    }
+
+    /// What is there to be removed goes also where it could not be installed now.
+    fn judged(&self, installing: bool, machine: ServiceMachine) -> Result<(), Failure> {
         let refused = |what: &str, remedy: &str| Err(Failure::new(Cause::Refused, what, remedy));
-        if !Path::new("/run/systemd/system").is_dir() {
+        if !machine.systemd {
             return refused(
                 "systemd does not run on this machine",
                 "start `foretrace daemon` by what starts services here",
             );
         }
-        if self.user {
-            return self.replaceable();
-        }
-        if !rustix::process::geteuid().is_root() {
+        if !self.user && !machine.root {
             return refused("a service of the system needs root", "run it with sudo, or give --user");
         }
-        if PACKAGED.iter().any(|folder| Path::new(folder).join(NAME).exists()) {
+        if !installing {
+            return self.ours();
+        }
+        if !self.user && machine.packaged {
             return refused(
                 "a package has brought the unit foretraced.service already",
                 "sudo systemctl enable --now foretraced",
             );
         }
-        if !has_user(&fs::read_to_string("/etc/passwd").unwrap_or_default()) {
+        if !self.user && !machine.user {
             return refused(
                 "there is no system user foretrace for the service to run as",
                 "sudo useradd --system --no-create-home --shell /usr/sbin/nologin foretrace",
@@ -145,8 +193,32 @@ impl Host {
             .map_err(|error| Failure::failed(format_args!("cannot remove {}: {error}", file.display()), ""))
     }
 
-    pub(super) fn install_steps(&self) -> Vec<ServiceStep> {
-        vec![self.systemctl(&["daemon-reload"]), self.systemctl(&["enable", "--now", NAME])]
+    /// Whether the daemon of the unit runs now.
+    pub(super) fn active(&self) -> bool {
+        succeeds(&self.systemctl(&["is-active", "--quiet", NAME]))
+    }
+
+    /// A daemon that is `active` may move an arm at this moment: it is left alone.
+    pub(super) fn install_steps(&self, active: bool) -> Vec<ServiceStep> {
+        let enable = if active { self.systemctl(&["enable", NAME]) } else { self.start() };
+        vec![self.systemctl(&["daemon-reload"]), enable]
+    }
+
+    fn start(&self) -> ServiceStep {
+        self.systemctl(&["enable", "--now", NAME])
+    }
+
+    /// What is said of the daemon once the unit is installed.
+    pub(super) fn outcome(&self, active: bool) -> String {
+        if !active {
+            return format!("The daemon runs, idle. Look at it: {}", self.status_command());
+        }
+        format!(
+            "The daemon of before goes on, with its old program and settings. For the new ones disarm first \
+             (foretrace request disarm), then: {}{}",
+            if self.user { "" } else { "sudo " },
+            self.systemctl(&["restart", NAME]).words()
+        )
     }
 
     /// Before and after the file is removed.
@@ -154,7 +226,7 @@ impl Host {
         (vec![self.systemctl(&["disable", "--now", NAME])], vec![self.systemctl(&["daemon-reload"])])
     }
 
-    pub(super) fn status_command(&self) -> &'static str {
+    fn status_command(&self) -> &'static str {
         if self.user {
             return "foretrace status --watch";
         }
@@ -179,14 +251,57 @@ impl Host {
                 Err(error) => error.to_string(),
             };
             let what = format_args!("{}: {why}", step.words());
-            return Err(Failure::failed(what, "see journalctl -u foretraced -e, correct it, then again"));
+            let journal = if self.user { "journalctl --user" } else { "journalctl" };
+            let remedy = format_args!("see {journal} -u foretraced -e, correct it, then again");
+            return Err(Failure::failed(what, remedy));
         }
         Ok(())
     }
 }
 
-fn has_user(passwd: &str) -> bool {
-    passwd.lines().any(|line| line.split(':').next() == Some("foretrace"))
+/// Whether a command can be run, and ends well; its words are lost.
+fn succeeds(step: &ServiceStep) -> bool {
+    let Some((program, words)) = step.0.split_first() else { return false };
+    let mut command = Command::new(program);
+    command.args(words).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+    command.status().is_ok_and(|status| status.success())
+}
+
+fn passwd() -> String {
+    fs::read_to_string("/etc/passwd").unwrap_or_default()
+}
+
+/// The user of the service, as `/etc/passwd` has it.
+fn system_user(passwd: &str) -> Option<SystemUser> {
+    passwd.lines().find_map(|line| {
+        let mut fields = line.split(':');
+        (fields.next() == Some("foretrace")).then_some(())?;
+        Some(SystemUser { user: fields.nth(1)?.parse().ok()?, group: fields.next()?.parse().ok()? })
+    })
+}
+
+/// Whether `user`, or everybody where there is none yet, may use `file` so, and get through its folders.
+fn usable(file: &Path, wanted: FileUse, user: Option<SystemUser>) -> Result<(), String> {
+    let may = |path: &Path, bit: u32| {
+        let about = fs::metadata(path).map_err(|error| format!("{}: {error}", path.display()))?;
+        let shift = match user {
+            Some(SystemUser { user, .. }) if about.uid() == user => 6,
+            Some(SystemUser { group, .. }) if about.gid() == group => 3,
+            _ => 0,
+        };
+        if (about.mode() >> shift) & bit == bit {
+            return Ok(());
+        }
+        let mode = about.mode() & 0o7777;
+        let what = match (about.is_dir(), wanted) {
+            (true, _) => "does not let the user foretrace through",
+            (false, FileUse::Read) => "may not be read by the user foretrace",
+            (false, FileUse::Run) => "may not be run by the user foretrace",
+        };
+        Err(format!("{} (mode {mode:03o}) {what}", path.display()))
+    };
+    file.ancestors().skip(1).filter(|folder| !folder.as_os_str().is_empty()).try_for_each(|f| may(f, 1))?;
+    may(file, if wanted == FileUse::Run { 1 } else { 4 })
 }
 
 #[cfg(test)]
@@ -224,23 +339,115 @@ mod tests {
     #[test]
     fn the_steps_name_the_right_manager_and_a_failing_step_is_named() {
         let (user, system) = (host(Path::new("/x")), Host { user: false, units: "/x".into() });
-        assert_eq!(user.install_steps()[1].words(), "systemctl --user enable --now foretraced.service");
+        assert_eq!(user.install_steps(false)[1].words(), "systemctl --user enable --now foretraced.service");
         assert_eq!(system.remove_steps().0[0].words(), "systemctl disable --now foretraced.service");
         let wrong = ServiceStep(["false", "x"].map(str::to_owned).to_vec());
-        assert!(user.run(&[wrong]).unwrap_err().to_string().starts_with("false x: exit status: 1"));
+        let said = user.run(std::slice::from_ref(&wrong)).unwrap_err().to_string();
+        assert!(said.starts_with("false x: exit status: 1"), "{said}");
+        assert!(said.contains("journalctl --user -u foretraced"), "{said}");
+        let said = system.run(&[wrong]).unwrap_err().to_string();
+        assert!(said.contains("journalctl -u foretraced"), "{said}");
     }
 
     #[test]
-    fn what_lies_in_a_home_is_no_program_of_the_system() {
-        let system = Host { user: false, units: "/x".into() };
-        let said = system.reachable(Path::new("/root/.cargo/bin/foretrace")).unwrap_err().to_string();
-        assert!(said.contains("/usr/local/bin") && said.contains("--user"), "{said}");
-        let said = system.reachable(Path::new("/home/a/table.toml")).unwrap_err().to_string();
-        assert!(said.contains("/etc/foretrace/table.toml"), "{said}");
-        assert!(system.reachable(Path::new("/usr/bin/foretrace")).is_ok());
-        assert!(host(Path::new("/x")).reachable(Path::new("/root/.cargo/bin/foretrace")).is_ok());
+    fn a_daemon_that_runs_is_left_alone_and_told_of() {
+        let (user, system) = (host(Path::new("/x")), Host { user: false, units: "/x".into() });
+        for (host, prefix) in [(&user, "systemctl --user "), (&system, "systemctl ")] {
+            let words: Vec<_> = host.install_steps(true).iter().map(ServiceStep::words).collect();
+            assert_eq!(
+                words,
+                [format!("{prefix}daemon-reload"), format!("{prefix}enable foretraced.service")]
+            );
+            assert!(host.outcome(false).starts_with("The daemon runs, idle."));
+            let said = host.outcome(true);
+            assert!(said.contains("old program and settings") && !said.contains("runs, idle"), "{said}");
+            assert!(said.find("disarm") < said.find(&format!("{prefix}restart")), "{said}");
+        }
+        let step = |words: &[&str]| ServiceStep(words.iter().map(|word| (*word).to_owned()).collect());
+        assert!(succeeds(&step(&["true"])));
+        assert!(!succeeds(&step(&["false"])) && !succeeds(&step(&["/nowhere/systemctl"])));
+    }
+
+    #[test]
+    fn reasons_against_an_installation_do_not_keep_one_from_going() {
+        let folder = tempfile::tempdir().unwrap();
+        let system = Host { user: false, units: folder.path().to_owned() };
+        let good = ServiceMachine { systemd: true, root: true, packaged: false, user: true };
+        assert!(system.judged(true, good).is_ok());
+        // There is nothing to remove yet.
+        assert!(system.judged(false, good).is_err());
+        system.write(&format!("{MARK} (0)\n[Unit]\n")).unwrap();
+        for (bad, word) in [
+            (ServiceMachine { packaged: true, ..good }, "package"),
+            (ServiceMachine { user: false, ..good }, "no system user"),
+        ] {
+            let said = system.judged(true, bad).unwrap_err().to_string();
+            assert!(said.contains(word), "{said}");
+            assert!(system.judged(false, bad).is_ok(), "{word}");
+        }
+        for bad in [ServiceMachine { systemd: false, ..good }, ServiceMachine { root: false, ..good }] {
+            assert!(system.judged(true, bad).is_err() && system.judged(false, bad).is_err(), "{bad:?}");
+        }
+        let user = host(folder.path());
         assert!(
-            has_user("root:x:0:\nforetrace:x:998:998::/:/usr/sbin/nologin") && !has_user("foretracer:x:1:")
+            user.judged(true, ServiceMachine { root: false, packaged: true, user: false, ..good }).is_ok()
         );
+    }
+
+    #[test]
+    fn what_lies_where_the_service_does_not_look_is_refused() {
+        let system = Host { user: false, units: "/x".into() };
+        for folder in HIDDEN {
+            let program = Path::new(folder).join("cargo/bin/foretrace");
+            let said = system.reachable(&program, FileUse::Run).unwrap_err().to_string();
+            assert!(said.contains("does not see it"), "{said}");
+            assert!(said.contains("/usr/local/bin") && said.contains("--user"), "{said}");
+            let settings = Path::new(folder).join("a/table.toml");
+            let said = system.reachable(&settings, FileUse::Read).unwrap_err().to_string();
+            assert!(said.contains("/etc/foretrace/table.toml"), "{said}");
+            assert!(host(Path::new("/x")).reachable(&program, FileUse::Run).is_ok());
+        }
+        // A name that begins alike is another folder.
+        let said = system.reachable(Path::new("/homework/foretrace"), FileUse::Run).unwrap_err().to_string();
+        assert!(!said.contains("does not see it"), "{said}");
+        assert!(system.reachable(Path::new("/bin/sh"), FileUse::Run).is_ok());
+    }
+
+    #[test]
+    fn the_service_s_user_must_be_able_to_use_a_file_and_pass_its_folders() {
+        use std::os::unix::fs::PermissionsExt as _;
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("table.toml");
+        fs::write(&file, "").unwrap();
+        let set = |path: &Path, mode| fs::set_permissions(path, fs::Permissions::from_mode(mode)).unwrap();
+        let about = fs::metadata(&file).unwrap();
+        let other = SystemUser { user: about.uid() + 1, group: about.gid() + 1 };
+        let owner = SystemUser { user: about.uid(), ..other };
+        let group = SystemUser { group: about.gid(), ..other };
+        set(folder.path(), 0o755);
+        for (mode, user, wanted, may) in [
+            (0o644, Some(other), FileUse::Read, true),
+            (0o600, Some(other), FileUse::Read, false),
+            (0o600, None, FileUse::Read, false),
+            (0o600, Some(owner), FileUse::Read, true),
+            (0o640, Some(group), FileUse::Read, true),
+            (0o604, Some(group), FileUse::Read, false),
+            (0o644, Some(other), FileUse::Run, false),
+            (0o711, Some(other), FileUse::Run, true),
+            (0o700, Some(other), FileUse::Run, false),
+        ] {
+            set(&file, mode);
+            let found = usable(&file, wanted, user);
+            assert_eq!(found.is_ok(), may, "{mode:o} {user:?} {wanted:?}: {found:?}");
+        }
+        set(&file, 0o644);
+        set(folder.path(), 0o700);
+        let said = usable(&file, FileUse::Read, Some(other)).unwrap_err();
+        assert!(said.contains("mode 700") && said.contains("through"), "{said}");
+        set(folder.path(), 0o755);
+        assert!(usable(Path::new("/nowhere/table.toml"), FileUse::Read, None).is_err());
+        let passwd = "root:x:0:0\nforetracer:x:1:1:\nforetrace:x:998:997::/:/usr/sbin/nologin";
+        assert_eq!(system_user(passwd), Some(SystemUser { user: 998, group: 997 }));
+        assert_eq!(system_user("foretracer:x:1:1:"), None);
     }
 }

@@ -5,6 +5,8 @@
 //! services of the other programs.
 
 mod host;
+#[cfg(test)]
+mod script_tests;
 mod unit;
 
 use std::io::IsTerminal as _;
@@ -21,8 +23,9 @@ use unit::ServiceUnit;
 pub(crate) enum ServiceCommand {
     /// Write the unit, enable it and start the daemon, after showing what will be done
     ///
-    /// The daemon starts idle: no arm moves before `foretrace request arm`. As a system service it runs as
-    /// the system user `foretrace`; with --user as yourself, while you are logged in.
+    /// The daemon starts idle: no arm moves before `foretrace request arm`. One of the unit that runs already
+    /// goes on as it is. As a system service it runs as the system user `foretrace`; with --user as yourself,
+    /// while you are logged in.
     Install(InstallArgs),
     /// Stop the daemon, disable its unit and remove the file, if `install` wrote it
     Remove(WhichArgs),
@@ -67,13 +70,17 @@ pub(crate) fn run(command: &ServiceCommand) -> Result<(), Failure> {
 fn install(args: &InstallArgs) -> Result<(), Failure> {
     let host = Host::of_this_machine(args.which.user)?;
     let unit = ServiceUnit::new(&host, args.config.as_deref(), &args.preset)?;
-    let steps = host.install_steps();
+    let active = host.active();
+    let steps = host.install_steps(active);
     say!("{} will be:\n\n{}", host.unit_file().display(), unit.text().trim_end());
     say!("\nThen: {}", steps.iter().map(host::ServiceStep::words).collect::<Vec<_>>().join("; "));
     if args.which.user {
         say!("It runs while you are logged in; loginctl enable-linger keeps it after that.");
     }
-    if !go_on(&args.which, &host, "Install this service?")? {
+    if active {
+        say!("The daemon that runs is not restarted.");
+    }
+    if !go_on(&args.which, || host.ready(true), "Install this service?")? {
         return Ok(());
     }
     host.write(unit.text())?;
@@ -81,7 +88,7 @@ fn install(args: &InstallArgs) -> Result<(), Failure> {
         note!("foretrace: {} is written; `foretrace service remove` removes it", host.unit_file().display());
         return Err(failure);
     }
-    say!("The daemon runs, idle. Look at it: {}", host.status_command());
+    say!("{}", host.outcome(active));
     Ok(())
 }
 
@@ -91,7 +98,7 @@ fn remove(args: &WhichArgs) -> Result<(), Failure> {
     let (before, after) = host.remove_steps();
     let words: Vec<_> = before.iter().chain(&after).map(host::ServiceStep::words).collect();
     say!("{} will be removed. Also: {}", host.unit_file().display(), words.join("; "));
-    if !go_on(args, &host, "Remove this service?")? {
+    if !go_on(args, || host.ready(false), "Remove this service?")? {
         return Ok(());
     }
     host.run(&before)?;
@@ -101,16 +108,20 @@ fn remove(args: &WhichArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Whether to do what was shown.
-fn go_on(args: &WhichArgs, host: &Host, question: &str) -> Result<bool, Failure> {
+/// Whether to do what was shown, where the host is `ready` for it.
+fn go_on(
+    args: &WhichArgs,
+    ready: impl FnOnce() -> Result<(), Failure>,
+    question: &str,
+) -> Result<bool, Failure> {
     if args.dry_run {
-        if let Err(failure) = host.ready() {
+        if let Err(failure) = ready() {
             note!("foretrace: it would be refused here: {failure}");
         }
         say!("Nothing was done (--dry-run).");
         return Ok(false);
     }
-    host.ready()?;
+    ready()?;
     if args.yes {
         return Ok(true);
     }

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use foretrace_config::Config;
 use serde::{Deserialize, Serialize};
 
 use super::Shard;
@@ -27,8 +28,10 @@ pub struct ClosedLoopRun {
     pub predictors: Vec<String>,
     /// What is not ideal, and the numbers of the law.
     pub options: String,
-    /// The settings in force.
+    /// The settings in force, without where they lie.
     pub settings: String,
+    /// Of the robot, the networks and the start of refinement that they name.
+    pub files: String,
     /// Of everything that is written.
     pub data: String,
 }
@@ -96,6 +99,12 @@ pub fn digest(arms: &HandsOfArms) -> String {
         }
     }
     digest.finish()
+}
+
+/// Of what the files hold that the settings name.
+#[must_use]
+pub fn files_digest(config: &Config) -> String {
+    Digest::of(&(config.robot(), config.models(), config.prior()))
 }
 
 /// The hands of `shard`, each with its place, and how many of how many hands there are.
@@ -194,6 +203,11 @@ impl MergedLoop {
             .iter()
             .map(|name| Rival::named(name).map_err(|error| bad(&first, error.to_string())))
             .collect::<Result<_, _>>()?;
+        if let Some(twice) =
+            rivals.iter().enumerate().find(|(i, rival)| rivals.iter().take(*i).any(|r| r == *rival))
+        {
+            return Err(bad(&first, format!("method {:?} is named twice", twice.1.name())));
+        }
         if run.hands.len() != arms.len() {
             return Err(bad(&first, format!("{} arms, but hands of {}", arms.len(), run.hands.len())));
         }

@@ -1,6 +1,9 @@
 //! Numbers in files with every bit, and what tells one set of numbers from another.
 
 use std::fmt;
+use std::fs::File;
+use std::io::{self, Read as _};
+use std::path::Path;
 
 use data_encoding::BASE64;
 use serde::de::Error as _;
@@ -44,6 +47,22 @@ impl Digest {
 
     pub fn numbers(&mut self, numbers: impl IntoIterator<Item = f64>) {
         numbers.into_iter().for_each(|number| self.0.update(&number.to_le_bytes()));
+    }
+
+    /// What the file `path` holds, read piece by piece.
+    ///
+    /// # Errors
+    /// It cannot be read.
+    pub fn of_file(path: &Path) -> io::Result<String> {
+        let mut digest = Self::default();
+        let mut file = File::open(path)?;
+        let mut piece = vec![0; 1 << 20];
+        loop {
+            match file.read(&mut piece)? {
+                0 => return Ok(digest.finish()),
+                count => digest.0.update(piece.get(..count).unwrap_or_default()),
+            }
+        }
     }
 
     /// What `thing` is, as its `Debug` tells it.

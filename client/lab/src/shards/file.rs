@@ -14,9 +14,9 @@ use serde_json::Value;
 use super::Shard;
 
 /// Raised when a field changes its meaning.
-const FORMAT: u32 = 1;
+const FORMAT: u32 = 2;
 /// Longest file \[bytes\].
-const LONGEST: u64 = 4 << 30;
+pub const LONGEST: u64 = 4 << 30;
 /// Missing shards that a message names.
 const NAMED: usize = 20;
 
@@ -27,6 +27,8 @@ pub struct ShardFile<R, P> {
     foretrace_lab_shard: u32,
     /// Version of the program, with its commit where it knows it.
     program: String,
+    /// Sum of the program's own file: of two builds of a version, results may differ.
+    program_file: String,
     command: String,
     pub shard: Shard,
     pub run: R,
@@ -62,9 +64,10 @@ pub enum MergeError {
 }
 
 impl<R: Serialize, P: Serialize> ShardFile<R, P> {
-    pub fn new(program: &str, command: &str, shard: Shard, run: R, part: P) -> Self {
-        let (program, command) = (program.to_owned(), command.to_owned());
-        Self { foretrace_lab_shard: FORMAT, program, command, shard, run, part }
+    /// Of `program`: its version, and the [`Digest`](super::Digest) of its file.
+    pub fn new(program: (&str, String), command: &str, shard: Shard, run: R, part: P) -> Self {
+        let (program, program_file, command) = (program.0.to_owned(), program.1, command.to_owned());
+        Self { foretrace_lab_shard: FORMAT, program, program_file, command, shard, run, part }
     }
 }
 
@@ -73,6 +76,7 @@ impl<R: Serialize, P: Serialize> ShardFile<R, P> {
 struct ShardHead {
     foretrace_lab_shard: u32,
     program: String,
+    program_file: String,
     command: String,
     shard: Shard,
     run: Value,
@@ -142,6 +146,7 @@ fn difference(a: &ShardHead, b: &ShardHead) -> Option<(String, String, String)> 
     let plain = [
         ("command", &a.command, &b.command),
         ("program", &a.program, &b.program),
+        ("program_file", &a.program_file, &b.program_file),
         ("N", &a.shard.count.to_string(), &b.shard.count.to_string()),
     ]
     .map(|(key, a, b)| (key.to_owned(), a.clone(), b.clone()));

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use serde::{Deserialize, Serialize};
 
 use super::exact::Exact;
+use super::few;
 use super::file::{MergeError, merged};
 use super::scored::{GatheredSet, SequencePart, SetRun, parts};
 use crate::prediction::Set;
@@ -82,7 +83,7 @@ fn lane_part(predicted: &Predicted) -> LanePart {
 }
 
 impl MergedLeads {
-    /// The result of all shards in `files`; calls `done` after every lane.
+    /// The result of all shards in `files`.
     ///
     /// # Errors
     /// [`MergeError`]: a file that does not fit.
@@ -90,6 +91,7 @@ impl MergedLeads {
         let (run, shards) = merged::<LeadRun, LeadPart>(files)?;
         let bad = |file: &PathBuf, why: String| MergeError::Part { file: file.clone(), why };
         let first = files.first().cloned().unwrap_or_default();
+        few(&run.models).map_err(|why| bad(&first, why))?;
         let mut of_sets: Vec<Vec<(PathBuf, SetPart)>> = run.sets.iter().map(|_| Vec::new()).collect();
         for (file, part) in shards {
             if part.sets.len() != of_sets.len() {
@@ -100,7 +102,7 @@ impl MergedLeads {
         }
         let mut boards = Vec::new();
         for (set, parts) in run.sets.iter().zip(of_sets) {
-            boards.push(board(set, parts, &first)?);
+            boards.push(board(set, run.models.len(), parts, &first)?);
         }
         let chosen: Vec<&str> = run.models.iter().map(String::as_str).collect();
         let (boards, standings) = ranked(&chosen, boards);
@@ -108,7 +110,12 @@ impl MergedLeads {
     }
 }
 
-fn board(run: &SetRun, parts: Vec<(PathBuf, SetPart)>, first: &PathBuf) -> Result<Board, MergeError> {
+fn board(
+    run: &SetRun,
+    most: usize,
+    parts: Vec<(PathBuf, SetPart)>,
+    first: &PathBuf,
+) -> Result<Board, MergeError> {
     let bad = |file: &PathBuf, why: String| MergeError::Part { file: file.clone(), why };
     let brought = parts.iter().map(|(_, part)| part.sequences.len()).sum();
     let mut gathered = GatheredSet::new(run.clone(), brought).map_err(|why| bad(first, why))?;
@@ -125,7 +132,14 @@ fn board(run: &SetRun, parts: Vec<(PathBuf, SetPart)>, first: &PathBuf) -> Resul
             *count += instant.scored().count();
         }
     }
+    // A sequence without a target costs a lane nothing.
+    let has_targets = |place: &usize| counts.get(*place).is_some_and(|count| *count > 0);
+    lanes.iter_mut().for_each(|(_, places, _)| places.retain(has_targets));
     let count = lanes.first().map_or(0, |(_, _, lanes)| lanes.len());
+    // One more is measured against.
+    if count > most + 1 {
+        return Err(bad(first, format!("{count} lanes of {:?} for {most} models", run.set)));
+    }
     let mut models = Vec::with_capacity(count);
     for index in 0..count {
         let mut whole: Option<GatheredLane> = None;
@@ -133,7 +147,7 @@ fn board(run: &SetRun, parts: Vec<(PathBuf, SetPart)>, first: &PathBuf) -> Resul
             let Some(part) = of_shard.get_mut(index).map(std::mem::take) else {
                 return Err(bad(file, format!("fewer lanes of {:?} than in other shards", run.set)));
             };
-            let lane = whole.get_or_insert_with(|| GatheredLane::new(&part, counts.len()));
+            let lane = whole.get_or_insert_with(|| GatheredLane::new(&part));
             lane.take(places, &counts, part).map_err(|why| bad(file, why))?;
         }
         models.extend(whole.map(|lane| lane.predicted().lane(&set, &targets)));
@@ -145,12 +159,13 @@ fn board(run: &SetRun, parts: Vec<(PathBuf, SetPart)>, first: &PathBuf) -> Resul
     Ok(Board::of(&set, &targets, models))
 }
 
-/// A lane as its shards bring it: predictions of every sequence.
+/// A lane as its shards bring it.
 struct GatheredLane {
     model: String,
     note: Option<String>,
     elsewhere: bool,
-    of_sequences: Vec<Vec<BandedPosition>>,
+    /// Predictions of a sequence, each with its place.
+    of_sequences: Vec<(usize, Vec<BandedPosition>)>,
 }
 
 impl Default for LanePart {
@@ -161,9 +176,9 @@ impl Default for LanePart {
 }
 
 impl GatheredLane {
-    fn new(part: &LanePart, sequences: usize) -> Self {
+    fn new(part: &LanePart) -> Self {
         let (model, note, elsewhere) = (part.model.clone(), part.note.clone(), part.elsewhere);
-        Self { model, note, elsewhere, of_sequences: vec![Vec::new(); sequences] }
+        Self { model, note, elsewhere, of_sequences: Vec::new() }
     }
 
     /// Takes what a shard predicted of the sequences at `places`, which have so many targets.
@@ -190,15 +205,14 @@ impl GatheredLane {
             let own = positions.by_ref().take(count(place));
             let answers =
                 own.map(|position| BandedPosition { position: *position, radii: radii.next().copied() });
-            if let Some(slot) = self.of_sequences.get_mut(*place) {
-                *slot = answers.collect();
-            }
+            self.of_sequences.push((*place, answers.collect()));
         }
         Ok(())
     }
 
-    fn predicted(self) -> Predicted {
-        let all = self.of_sequences.into_iter().flatten();
+    fn predicted(mut self) -> Predicted {
+        self.of_sequences.sort_by_key(|(place, _)| *place);
+        let all = self.of_sequences.into_iter().flat_map(|(_, answers)| answers);
         let answers = if self.elsewhere {
             LeadAnswers::Elsewhere(all.collect())
         } else {

@@ -19,15 +19,28 @@ use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
-pub use closed::{ClosedLoopPart, ClosedLoopRun, MergedLoop, closed_loop_part, digest, own_hands};
+pub use closed::{
+    ClosedLoopPart, ClosedLoopRun, MergedLoop, closed_loop_part, digest, files_digest, own_hands,
+};
 pub use exact::{Digest, Exact};
-pub use file::{MergeError, ShardFile, command_of};
+pub use file::{LONGEST, MergeError, ShardFile, command_of};
 pub use leads::{LeadPart, LeadRun, MergedLeads, lead_part};
 pub use scored::{SetRun, brought, networks, owned};
 pub use tables::{MergedTable, TablePart, TableRun, table_part};
 
 /// Most shards of a run.
 pub const MOST_SHARDS: usize = 100_000;
+
+/// Most models of a run that is put together: each is looked for among all.
+const MOST_MODELS: usize = 10_000;
+
+fn few(models: &[String]) -> Result<(), String> {
+    let count = models.len();
+    if count > MOST_MODELS {
+        return Err(format!("{count} models, {MOST_MODELS} are the most that are put together"));
+    }
+    Ok(())
+}
 
 /// One part of a run: `index` of `count`, from 1.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use serde::{Deserialize, Serialize};
 
 use super::exact::Exact;
+use super::few;
 use super::file::{MergeError, merged};
 use super::scored::{GatheredSet, SequencePart, SetRun, parts};
 use crate::prediction::{Mean, Run, Scored, Set, Tally};
@@ -97,11 +98,12 @@ impl MergedTable {
         let first = files.first().cloned().unwrap_or_default();
         let brought = shards.iter().map(|(_, part)| part.sequences.len()).sum();
         let mut set = GatheredSet::new(run.set.clone(), brought).map_err(|why| bad(&first, why))?;
+        few(&run.models).map_err(|why| bad(&first, why))?;
         let mut gathered: Option<Vec<GatheredRun>> = None;
         for (file, TablePart { sequences, models }) in shards {
             let places = set.take(sequences).map_err(|why| bad(&file, why))?;
-            let runs =
-                gathered.get_or_insert_with(|| models.iter().map(|m| GatheredRun::new(m, brought)).collect());
+            of_the_run(&models, &run.models).map_err(|why| bad(&file, why))?;
+            let runs = gathered.get_or_insert_with(|| models.iter().map(GatheredRun::new).collect());
             if runs.len() != models.len() {
                 return Err(bad(&file, format!("{} models, other shards have {}", models.len(), runs.len())));
             }
@@ -110,10 +112,20 @@ impl MergedTable {
             }
         }
         let runs: Vec<Run> = gathered.unwrap_or_default().into_iter().map(GatheredRun::run).collect();
-        if !runs.iter().map(|run| &run.model).take(run.models.len()).eq(&run.models) {
-            return Err(bad(&first, "its models are not those of the run".to_owned()));
-        }
         Ok(Self { set: set.set(), scored: Scored::of(runs, run.models.len()), run })
+    }
+}
+
+/// Refuses a part whose first models are not those of its run.
+fn of_the_run(models: &[RunPart], names: &[String]) -> Result<(), String> {
+    let brought = models.iter().map(|model| Some(&model.model)).chain(std::iter::repeat(None));
+    let short = |name: &String| name.chars().take(60).collect::<String>();
+    match names.iter().zip(brought).find(|(name, brought)| *brought != Some(*name)) {
+        Some((name, Some(other))) => {
+            Err(format!("model {:?} where the run has {:?}", short(other), short(name)))
+        }
+        Some((name, None)) => Err(format!("model {:?} of the run is missing", short(name))),
+        None => Ok(()),
     }
 }
 
@@ -121,21 +133,16 @@ impl MergedTable {
 struct GatheredRun {
     model: String,
     note: Option<String>,
-    tallies: Vec<Tally>,
-    times_us: Vec<f64>,
+    /// Of each sequence with its place: what shards brought, and nothing for what they claim.
+    of_sequences: Vec<(usize, Tally, f64)>,
     /// Of every shard that trained it.
     training_s: Vec<f64>,
 }
 
 impl GatheredRun {
-    fn new(part: &RunPart, count: usize) -> Self {
-        Self {
-            model: part.model.clone(),
-            note: part.note.clone(),
-            tallies: vec![Tally::default(); count],
-            times_us: vec![0.0; count],
-            training_s: Vec::new(),
-        }
+    fn new(part: &RunPart) -> Self {
+        let (model, note) = (part.model.clone(), part.note.clone());
+        Self { model, note, of_sequences: Vec::new(), training_s: Vec::new() }
     }
 
     fn take(&mut self, places: &[usize], part: RunPart) -> Result<(), String> {
@@ -156,19 +163,18 @@ impl GatheredRun {
         }
         for ((place, row), time) in places.iter().zip(rows).zip(&part.times_us.0) {
             let tally = tally(row).ok_or_else(|| format!("{}: a count of errors is none", part.model))?;
-            if let (Some(slot), Some(of_time)) = (self.tallies.get_mut(*place), self.times_us.get_mut(*place))
-            {
-                (*slot, *of_time) = (tally, *time);
-            }
+            self.of_sequences.push((*place, tally, *time));
         }
         self.training_s.extend(part.train_s_per_epoch.0);
         Ok(())
     }
 
-    fn run(self) -> Run {
+    fn run(mut self) -> Run {
+        self.of_sequences.sort_by_key(|(place, ..)| *place);
+        let (tallies, times_us) = self.of_sequences.iter().map(|(_, tally, time)| (*tally, *time)).unzip();
         let passes = self.training_s.len();
         let train_s_per_epoch = (passes > 0).then(|| self.training_s.iter().sum::<f64>() / passes as f64);
-        let Self { model, note, tallies, times_us, .. } = self;
+        let Self { model, note, .. } = self;
         Run { model, tallies, times_us, train_s_per_epoch, note }
     }
 }

@@ -219,6 +219,7 @@ pub(super) const CASES: &[Case] = &[
     ("lab closed-loop --data @/none --out @/lab", 5, &["none"]),
     ("lab closed-loop --data @ --limit 0", 2, &["from 1"]),
     ("lab closed-loop --data @ --predictors nobody", 2, &["nobody", "--predictors"]),
+    ("lab closed-loop --data @/none --predictors hold,mixture,hold", 2, &["\"hold\"", "twice"]),
     ("lab closed-loop --data @ --arms ur99", 2, &["ur99", "slow"]),
     ("lab closed-loop --data @ --lifts high", 2, &["leap, travel"]),
     ("lab closed-loop --data @ --each", 2, &["--json"]),
