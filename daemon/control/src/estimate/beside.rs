@@ -76,12 +76,7 @@ impl Estimates {
             self.theirs.judge(closed, nearest, saturated)
         };
         self.their_shares = theirs.believed();
-        let mut worth = if part >= 0.5 { theirs } else { own };
-        // Whoever loses to the fallback goes in a few steps: trust ends where neither is better than Hold.
-        if part > 0.0 {
-            worth.record.evidence = own.record.evidence.max(theirs.record.evidence);
-        }
-        worth
+        if part >= 0.5 { theirs } else { own }
     }
 
     /// Corrects and shrinks the `preview` in force by the `newest` sample, each lead by its share where

@@ -249,8 +249,8 @@ fn whatever_a_hostile_process_sends_costs_at_most_a_tenth_beside_the_fallback() 
     assert!(too_much.is_empty(), "{too_much:?}");
 }
 
-/// Trust that is earned can be betrayed: what one costs that lies for a fifth of a second, again and again, is
-/// measured here, and stated in `docs/extend/process.md`.
+/// Trust that is earned can be betrayed: what one costs that lies for a fifth of a second, again and again,
+/// is measured here, and stated in decision record 31.
 #[test]
 fn one_that_earns_trust_and_then_lies_gets_fewer_chances_each_time() {
     for (hand, path) in [("scribble", scribble as fn(f64) -> [f64; 2]), ("curve", curve)] {
