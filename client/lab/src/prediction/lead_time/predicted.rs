@@ -3,7 +3,7 @@
 use super::super::Set;
 use super::super::model::Contestant;
 use super::super::registry::{Model, RegistryError, Setting};
-use super::super::run::train;
+use super::super::run::{take_in, train, with_choice};
 use super::LEADS_MS;
 use super::bands::Bands;
 use super::board::{BoardError, Entrant, Lane, height};
@@ -44,6 +44,7 @@ pub(super) fn predict(
         Entrant::Model(model) => {
             let (mut contestant, note) = model.build(&Setting::of(set))?;
             train(&mut *contestant, &set.train, if set.cold { 0 } else { model.passes() }, &|| ());
+            let note = with_choice(note, &*contestant);
             (LeadAnswers::Here(walk(model, &mut *contestant, set, targets, owned)?), note)
         }
         Entrant::File { predictions, .. } => {
@@ -88,8 +89,8 @@ fn walk(
         contestant.start_sequence();
         let farthest = targets.steps_ahead(index, LEADS_MS.len() - 1).ceil().max(1.0) as usize;
         steps.resize(farthest, [0.0; 2]);
-        for (t, v) in sequence.v.iter().enumerate() {
-            contestant.observe(*v);
+        for t in 0..sequence.v.len() {
+            take_in(contestant, sequence, t);
             // After step t the newest point is t + 1.
             let Some(instant) = instants.next_if(|i| i.sequence == index && i.point == t + 1) else {
                 continue;
