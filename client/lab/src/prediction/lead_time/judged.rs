@@ -1,15 +1,16 @@
 //! [`JudgedTarget`]: one prediction against the truth: its error, and the side effects that a user sees.
 //!
-//! The side effects bear the names of Nancel et al., "Next-Point Prediction Metrics for Perceived Spatial
-//! Errors" (UIST 2016, doi:10.1145/2984511.2984590) and "Next-Point Prediction for Direct Touch Using
-//! Finite-Time Derivative Estimation" (UIST 2018, doi:10.1145/3242587.3242646), which rank predictors by
-//! them. Their thresholds belong to a screen; here each is a size without a threshold:
+//! The side effects are four of those that Nancel et al. found users to name, "Next-Point Prediction Metrics
+//! for Perceived Spatial Errors" (UIST 2016, doi:10.1145/2984511.2984590), and ranked predictors by in
+//! "Next-Point Prediction for Direct Touch Using Finite-Time Derivative Estimation" (UIST 2018,
+//! doi:10.1145/3242587.3242646). Theirs is the probability that one is perceived on a touch screen; here each
+//! is a size:
 //!
 //! - **lateness**: how far the prediction lies behind the true position, along the true motion there; 0 where
 //!   it lies ahead of it;
 //! - **over-anticipation**: how far it lies ahead, likewise;
-//! - **wrong direction** (their *wrong orientation*): the angle between the predicted and the true
-//!   displacement since the newest point seen; none where either has no length;
+//! - **wrong direction**: the angle between the predicted and the true displacement since the newest point
+//!   seen; none where either has no length;
 //! - **jitter**: how far prediction minus truth moved since the instant before, 20 ms earlier in the same
 //!   stroke, at the same look-ahead time. A constant error has none.
 
