@@ -5,27 +5,13 @@
     foretrace lab leadtime --data unipen-ced --models 'constant-velocity,external:python gru_predictor.py --weights gru-5ms.npz'
     python gru_predictor.py --live 0 --weights gru-10ms.npz                    # trained with --step-ms 10
 
-Needs numpy; --live also the package foretrace. The same seed, points and options give the same weights on any run.
+Needs numpy, and pen_network.py beside it; --live also the package foretrace. The same seed, points and options give the
+same weights on any run.
 """
 
-import argparse
-import csv
-import json
-import os
-import pathlib
-import sys
+from pen_network import LEADS, Pen, batches, characters, fit, log_loss, main
 
-# One thread: sums keep their order, and the machine its other cores.
-for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ.setdefault(name, "1")
-
-import numpy as np  # noqa: E402
-
-#: Steps ahead that the network predicts; between them its path is straight.
-LEADS = np.array([1, 2, 3, 4, 6, 8, 11, 15, 20, 28, 40])
-#: Typical displacement in the lab's and the loop's running scale, and the longest that the network sees, in these units.
-TYPICAL, LONGEST = 10.0, 4.0
-
+import numpy as np
 
 # The network: about thirty lines.
 
@@ -56,7 +42,7 @@ def ahead(w, h, x):
     return x[:, None, :] + (h @ w["out"] + w["bias"]).reshape(len(h), len(LEADS), 2)
 
 
-# Training.
+# Training and predicting.
 
 
 def loss_and_gradients(w, h, x, target, known):
@@ -69,9 +55,7 @@ def loss_and_gradients(w, h, x, target, known):
         h, kept = cell(w, h, x[t])
         memory.append((h, kept))
         errors[t] = (ahead(w, h, x[t]) - target[t]) * known[t][..., None]
-    squares, counts = (errors**2).sum(axis=(0, 1, 3)) + 1e-9, 2.0 * np.maximum(known.sum(axis=(0, 1)), 1.0)
-    loss = np.log(squares / counts).mean()
-    slope = 2.0 * errors / squares[:, None] / len(LEADS)
+    loss, slope = log_loss(errors, known)
     gradients = {name: np.zeros_like(value) for name, value in w.items()}
     later = np.zeros_like(h)
     for t in reversed(range(len(x))):
@@ -90,176 +74,29 @@ def loss_and_gradients(w, h, x, target, known):
     return loss, gradients, h
 
 
-def characters(folder, step_s):
-    """Displacements and where the pen was lifted, of every exported character, at this step; both phases where it is a multiple."""
-    found, points = [], {}
-    for file in sorted(pathlib.Path(folder).glob("*-points.csv")):
-        with open(file, newline="", encoding="utf-8") as lines:
-            for row in csv.DictReader(lines):
-                points.setdefault((file.name, row["file"], int(row["segment"])), []).append([float(row[key]) for key in ("t_s", "x", "y", "stroke_start")])
-    for _, rows in sorted(points.items()):
-        rows = np.array(rows)
-        own = np.median(np.diff(rows[:, 0])) if len(rows) > 1 else step_s
-        every = round(step_s / own)
-        if every < 1 or abs(every * own / step_s - 1.0) > 0.02:
-            continue
-        for phase in range(every):
-            at = np.arange(phase, len(rows), every)
-            if len(at) > 8:
-                found.append((np.diff(rows[at, 1:3], axis=0), np.diff(np.cumsum(rows[:, 3])[at]) > 0.0))
-    return found
-
-
-def scaled(v, scale=None, weight=20.0):
-    """The displacements over their running scale, as the lab and the loop have it, roughly."""
-    lengths, out = np.hypot(v[:, 0], v[:, 1]), np.zeros_like(v)
-    mean = None if scale is None else 2.0 * scale**2
-    for t, length in enumerate(lengths):
-        if length > 0.0:
-            mean = length**2 if mean is None else mean
-            weight = min(weight + 1.0, 500.0)
-            mean += (min(length, 3.0 * np.sqrt(mean)) ** 2 - mean) / weight
-        out[t] = v[t] / np.sqrt(0.5 * mean) if mean else 0.0
-    return out
-
-
-def clipped(x):
-    length = np.hypot(x[..., 0], x[..., 1])[..., None]
-    return x * np.minimum(1.0, LONGEST / np.maximum(length, LONGEST))
-
-
-def batches(found, steps, rows, rng):
-    """Without end: inputs, targets and which of them count, each character turned and resized."""
-    ready = []
-    for v, lifted in found:
-        rms = np.sqrt(0.5 * np.mean(np.sum(v[~lifted] ** 2, axis=1))) if (~lifted).any() else 0.0
-        if rms > 0.0:
-            # The scale has been learned from what was written before.
-            ready.append((scaled(v, rms, 200.0), lifted))
-    if not ready:
-        sys.exit("no character has this step: give points that `foretrace lab leadtime --export-targets` wrote, or another --step-ms")
-    while True:
-        x, target, known = np.zeros((steps, rows, 2)), np.zeros((steps, rows, len(LEADS), 2)), np.zeros((steps, rows, len(LEADS)))
-        for row in range(rows):
-            v, lifted = ready[rng.integers(len(ready))]
-            first = rng.integers(max(1, len(v) - steps // 2))
-            v, lifted = v[first:], lifted[first:]
-            turn, size = rng.uniform(-0.3, 0.3), np.exp(rng.uniform(-0.3, 0.3))
-            v = size * v @ np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
-            here = min(steps, len(v))
-            x[:here, row] = clipped(v[:here])
-            path = np.vstack([np.zeros(2), np.cumsum(v, axis=0)])
-            lifts = np.append(0, np.cumsum(lifted))
-            for index, lead in enumerate(LEADS):
-                count = min(here, len(v) - lead)
-                if count > 0:
-                    # Past step t the path is at t + 1; no lift in the step itself or until the target.
-                    target[:count, row, index] = (path[1 + lead : 1 + lead + count] - path[1 : 1 + count]) / lead
-                    known[:count, row, index] = lifts[1 + lead : 1 + lead + count] == lifts[:count]
-        yield x, target, known
-
-
-def train(folder, file, step_s, updates, cells, seed):
-    """Adam, the step falling to zero; the gradient's length bounded."""
+def train(folder, step_s, updates, cells, seed):
     rng = np.random.default_rng(seed)
     weights, source = new_weights(cells, rng), batches(characters(folder, step_s), 80, 48, rng)
-    moments = {name: [np.zeros_like(value), np.zeros_like(value)] for name, value in weights.items()}
-    recent = None
-    for update in range(1, updates + 1):
-        x, target, known = next(source)
-        loss, gradients, _ = loss_and_gradients(weights, np.zeros((x.shape[1], cells)), x, target, known)
-        length = np.sqrt(sum(float((g**2).sum()) for g in gradients.values()))
-        rate, shorter = 2e-3 * (1.0 + np.cos(np.pi * update / updates)), min(1.0, 1.0 / max(length, 1e-12))
-        for name, gradient in gradients.items():
-            first, second = moments[name]
-            first += 0.1 * (shorter * gradient - first)
-            second += 0.001 * ((shorter * gradient) ** 2 - second)
-            weights[name] -= rate * (first / (1.0 - 0.9**update)) / (np.sqrt(second / (1.0 - 0.999**update)) + 1e-8)
-        recent = loss if recent is None else recent + 0.02 * (loss - recent)
-        if update % max(1, updates // 10) == 0:
-            print(f"{update} of {updates}: log of the squared error {recent:.3f}", file=sys.stderr)
-    with open(file, "wb") as out:
-        np.savez(out, step_s=step_s, **{name: weights[name] for name in sorted(weights)})
+
+    def from_rest(w, x, target, known):
+        return loss_and_gradients(w, np.zeros((x.shape[1], cells)), x, target, known)[:2]
+
+    return fit(weights, source, from_rest, updates)
 
 
-# Predicting.
-
-
-class Pen:
-    """The network's memory of one pen."""
-
-    def __init__(self, file):
-        stored = np.load(file)
-        self.w = {name: stored[name] for name in stored.files if name != "step_s"}
-        self.step_s = float(stored["step_s"])
-        self.forget()
+class GruPen(Pen):
+    """The state of the cells, and the newest input."""
 
     def forget(self):
         self.h, self.x = np.zeros((1, len(self.w["wh"]))), np.zeros((1, 2))
 
-    def fits(self, step_s):
-        if not abs(step_s / self.step_s - 1.0) < 0.02:
-            sys.exit(f"the weights are for steps of {1e3 * self.step_s:g} ms, asked for are {1e3 * step_s:g} ms: train with --step-ms {1e3 * step_s:g}")
+    def take(self, x):
+        self.x = x
+        self.h, _ = cell(self.w, self.h, x)
 
-    def observe(self, dx, dy, scale, continues):
-        if not continues:
-            self.forget()
-            return
-        self.x = clipped(np.array([[dx, dy]]) / (TYPICAL * scale))
-        self.h, _ = cell(self.w, self.h, self.x)
-
-    def positions(self, x, y, scale, wanted):
-        """So many positions from (x, y) on; beyond the farthest lead the pen rests."""
-        path = np.vstack([np.zeros(2), ahead(self.w, self.h, self.x)[0] * LEADS[:, None]]) * TYPICAL * scale
-        steps = np.arange(1, wanted + 1)
-        both = [start + np.interp(steps, np.append(0, LEADS), path[:, axis]) for axis, start in enumerate((x, y))]
-        return np.column_stack(both).tolist()
-
-
-def serve(pen, lines, out):
-    """The lab's protocol: a line for a line."""
-    for line in lines:
-        told, answer = json.loads(line), {}
-        if "step" in told:
-            step = told["step"]
-            pen.observe(step["dx"], step["dy"], step["scale"], step["motion"] == "continues")
-            if step["wanted"]:
-                answer = {"positions": pen.positions(step["x"], step["y"], step["scale"], step["wanted"])}
-        else:
-            pen.fits(told["step_s"])
-        out.write(json.dumps(answer) + "\n")
-        out.flush()
-
-
-def live(pen, instance):
-    import foretrace
-    from foretrace.messages import PenMotion
-
-    with foretrace.attach(instance) as ft, ft.predictor_interface() as predictor:
-        ft.predictor("external")
-        for step in predictor:
-            pen.fits(step.step_ns * 1e-9)
-            pen.observe(step.dx_m, step.dy_m, step.scale_m, step.motion == PenMotion.CONTINUES)
-            predictor.send(step, pen.positions(step.x_m, step.y_m, step.scale_m, step.wanted))
-
-
-def main():
-    parser = argparse.ArgumentParser(description="a GRU that predicts the pen: trains, serves the lab on standard input and output, or predicts live")
-    parser.add_argument("--weights", required=True, help="file of the network; --train writes it")
-    parser.add_argument("--train", metavar="FOLDER", help="folder of points that `foretrace lab leadtime --export-targets` wrote")
-    parser.add_argument("--step-ms", type=float, default=5.0, help="step of the network: the device's in tables, pen.step_ms (10) in the loop")
-    parser.add_argument("--updates", type=int, default=2500)
-    parser.add_argument("--cells", type=int, default=32)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--live", type=int, metavar="INSTANCE", help="predict for this daemon")
-    args = parser.parse_args()
-    if args.train is not None:
-        train(args.train, args.weights, args.step_ms * 1e-3, args.updates, args.cells, args.seed)
-    elif args.live is not None:
-        live(Pen(args.weights), args.live)
-    else:
-        serve(Pen(args.weights), sys.stdin, sys.stdout)
+    def ahead(self):
+        return ahead(self.w, self.h, self.x)[0]
 
 
 if __name__ == "__main__":
-    main()
+    main("a GRU", GruPen, train, cells=32)

@@ -183,7 +183,7 @@ fn lead_times_from_shards_are_those_of_the_whole() {
     let mine = format!("file:{}", world.write("mine.csv", &answers));
     let models = format!("constant-velocity,ar-rls,dybm,mixture,lstm10,{mine}");
     same_whatever_the_cut(
-        &["lab", "leadtime", "--data", &data, "--models", &models],
+        &["lab", "leadtime", "--data", &data, "--models", &models, "--each"],
         &world,
         "leads",
         &[1, 3, 17],

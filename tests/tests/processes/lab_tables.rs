@@ -135,6 +135,17 @@ fn others_take_part_with_predictions_for_exported_targets() {
         assert!((a - b).abs() < 1e-9 && hold["targets"] == mine["targets"], "{hold} {mine}");
     }
     assert_eq!(result["standings"].as_array().unwrap().len(), 3);
+    assert_eq!(result.get("sequences"), None);
+    let each =
+        ["lab", "leadtime", "--data", &set, "--models", &models, "--out", &out, "--json", "-", "--each"];
+    let told: Value = serde_json::from_slice(&done(&world, &each).stdout).unwrap();
+    assert_eq!(told["sets"], result["sets"]);
+    let scored = |model: &Value| {
+        let sequences = told["sequences"].as_array().unwrap();
+        let of_model = sequences.iter().filter(|sequence| sequence["model"] == *model);
+        of_model.map(|sequence| sequence["targets"][4].as_u64().unwrap()).sum::<u64>()
+    };
+    assert!(lanes.iter().all(|lane| lane["leads"][4]["targets"] == scored(&lane["model"])), "{told}");
     let cut = answers.lines().take(5).collect::<Vec<_>>().join("\n");
     let short = format!("file:{}", world.write("short.csv", &cut));
     let output = world.run_plain(&["lab", "leadtime", "--data", &set, "--models", &short, "--out", &out]);

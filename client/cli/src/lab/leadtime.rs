@@ -43,6 +43,10 @@ pub(crate) struct LeadtimeArgs {
     #[arg(long, value_name = "DIR", conflicts_with = "shard")]
     export_targets: Option<PathBuf>,
 
+    /// Add every model's scores of every sequence to the JSON, for paired comparisons
+    #[arg(long, requires = "json", conflicts_with = "export_targets")]
+    each: bool,
+
     /// Folder for the picture
     #[arg(long, value_name = "DIR", default_value = "foretrace-lab", conflicts_with = "shard")]
     out: PathBuf,
@@ -133,7 +137,7 @@ fn compare_all(args: &LeadtimeArgs, entrants: &[Entrant], sets: &[Set]) -> Resul
     let progress = StepProgress::of("lab leadtime", entrants.len() * sets.len());
     let (boards, standings) = compare(entrants, sets, &|| progress.step()).map_err(refused)?;
     drop(progress);
-    show(&boards, &standings, &args.out, &args.json)
+    show(&boards, &standings, args.each, &args.out, &args.json)
 }
 
 /// Predicts for the shard's sequences, and writes what the merge needs.
@@ -146,6 +150,7 @@ fn write_shard(args: &LeadtimeArgs, shard: Shard, entrants: &[Entrant], sets: &[
         sets: sets.iter().map(SetRun::of).collect(),
         models: entrants.iter().map(|entrant| entrant.name().to_owned()).collect(),
         networks: brought(entrants),
+        each: args.each,
     };
     let all = || owned.iter().flatten();
     let counts = [all().filter(|own| **own).count(), all().count()];
@@ -160,10 +165,11 @@ fn refused(error: BoardError) -> Failure {
     }
 }
 
-/// The result, with the picture in `out`.
+/// The result, with the picture in `out`, and every sequence where that was asked for.
 pub(super) fn show(
     boards: &[Board],
     standings: &[Standing],
+    each: bool,
     out: &Path,
     json: &JsonArgs,
 ) -> Result<(), Failure> {
@@ -179,5 +185,9 @@ pub(super) fn show(
     let file = draw(out, boards)?;
     say!("");
     say_picture(&file);
-    json.write(&json!({ "sets": boards, "standings": standings }))
+    let mut result = json!({ "sets": boards, "standings": standings });
+    if each {
+        result["sequences"] = json!(boards.iter().flat_map(Board::each).collect::<Vec<_>>());
+    }
+    json.write(&result)
 }

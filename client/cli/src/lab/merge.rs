@@ -56,8 +56,8 @@ pub(super) fn run(args: &MergeArgs) -> Result<(), Failure> {
             evaluate::show(&set, &scored, json)
         }
         leadtime::NAME => {
-            let MergedLeads { boards, standings } = MergedLeads::of(files).map_err(wrong)?;
-            leadtime::show(&boards, &standings, out, json)
+            let MergedLeads { each, boards, standings } = MergedLeads::of(files).map_err(wrong)?;
+            leadtime::show(&boards, &standings, each, out, json)
         }
         other => Err(Failure::bad_input(
             format_args!("shards of {other:?}, which this program cannot merge"),

@@ -10,6 +10,8 @@ mod model;
 mod scaled;
 mod network;
 mod external;
+mod double_exponential;
+mod holdover;
 mod of_the_loop;
 mod registry;
 mod score;

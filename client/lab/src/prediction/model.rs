@@ -17,11 +17,22 @@ pub trait Contestant: Send {
     /// frozen.
     fn observe(&mut self, v: [f64; 2]);
 
+    /// As `observe`, for a displacement that leads from the end of one stroke to the start of the next; to
+    /// most models it is one like any other.
+    fn new_stroke(&mut self, v: [f64; 2]) {
+        self.observe(v);
+    }
+
     /// Predicts the next `out.len()` displacements \[raw units per sample\].
     fn preview(&self, out: &mut [[f64; 2]]);
 
     /// Training is over; a model that does not learn on the scored set stops learning.
     fn end_training(&mut self) {}
+
+    /// What training chose, for the reader.
+    fn trained_note(&self) -> Option<String> {
+        None
+    }
 
     /// Asked at the end of a sequence: why a model in another program could not predict all of it.
     fn failure(&self) -> Option<ProcessError> {

@@ -21,7 +21,9 @@ use foretrace_control::predict::{
 
 use super::CharacterSequence;
 use super::Set;
+use super::double_exponential::DoubleExponential;
 use super::external::OtherProgram;
+use super::holdover::{Carried, Holdover};
 use super::model::{Contestant, OnScoredSet, Online, constant_velocity, zero};
 use super::network::network;
 use super::of_the_loop::{of_the_loop, others};
@@ -108,6 +110,8 @@ pub enum RegistryError {
 enum ModelKind {
     Zero,
     ConstantVelocity,
+    Holdover(Carried),
+    DoubleExponential,
     Dybm(OnScoredSet),
     DybmEsn,
     ArRls,
@@ -122,9 +126,12 @@ enum ModelKind {
     External(String),
 }
 
-const TABLE: [(&str, ModelKind); 11] = [
+const TABLE: [(&str, ModelKind); 14] = [
     ("hold", ModelKind::Zero),
     (CONSTANT_VELOCITY, ModelKind::ConstantVelocity),
+    ("late-constant-velocity", ModelKind::Holdover(Carried::Constant)),
+    ("late-holdover", ModelKind::Holdover(Carried::Ramped)),
+    ("double-exponential", ModelKind::DoubleExponential),
     (LSTM_REFERENCE, ModelKind::Shipped),
     ("lstm10", ModelKind::Shipped),
     ("dybm-offline", ModelKind::Dybm(OnScoredSet::Frozen)),
@@ -244,10 +251,11 @@ impl Model {
     pub fn passes(&self) -> usize {
         match self.kind {
             ModelKind::Dybm(_) | ModelKind::DybmEsn => PASSES,
-            ModelKind::ArRls => 1,
+            ModelKind::ArRls | ModelKind::DoubleExponential => 1,
             // It learns within a page of writing.
             ModelKind::Zero
             | ModelKind::ConstantVelocity
+            | ModelKind::Holdover(_)
             | ModelKind::Mixture
             | ModelKind::MixtureCold
             | ModelKind::OfTheLoop(_)
@@ -285,6 +293,8 @@ impl Model {
         let contestant: Box<dyn Contestant> = match &self.kind {
             ModelKind::Zero => Box::new(zero()),
             ModelKind::ConstantVelocity => Box::new(constant_velocity()),
+            ModelKind::Holdover(carried) => Box::new(Holdover::new(*carried, setting.step_ns)),
+            ModelKind::DoubleExponential => Box::new(DoubleExponential::new(setting.step_ns)),
             ModelKind::Dybm(on_scored) => {
                 let model = Online::new(dybm().map_err(refused)?, *on_scored);
                 fitted(model, learnable, REFERENCE_MOVING_RMS, &mut notes)

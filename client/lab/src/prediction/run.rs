@@ -183,6 +183,7 @@ pub fn run(model: &Model, set: &Set, owned: &[bool], done: &(dyn Fn() + Sync)) -
     let passes = if set.cold { 0 } else { model.passes() };
     let train_s_per_epoch =
         train(&mut *contestant, &set.train, passes, done).or_else(|| model.train_s_per_epoch());
+    let note = with_choice(note, &*contestant);
     let (mut times_us, mut tallies, mut previews) = (Vec::new(), Vec::new(), Vec::new());
     let needed = owned.iter().rposition(|owned| *owned).map_or(0, |last| last + 1);
     for (sequence, owned) in set.scored.iter().zip(owned).take(needed) {
@@ -193,13 +194,29 @@ pub fn run(model: &Model, set: &Set, owned: &[bool], done: &(dyn Fn() + Sync)) -
             tallies.push(Tally::of(sequence, &previews));
         } else {
             contestant.start_sequence();
-            sequence.v.iter().for_each(|v| contestant.observe(*v));
+            (0..sequence.v.len()).for_each(|t| take_in(&mut *contestant, sequence, t));
         }
         model.check(&*contestant, sequence)?;
         done();
     }
     (needed..set.scored.len()).for_each(|_| done());
     Ok(Run { model: model.name().to_owned(), tallies, times_us, train_s_per_epoch, note })
+}
+
+/// Lets a model observe step `t` of a sequence.
+pub(super) fn take_in(contestant: &mut dyn Contestant, sequence: &CharacterSequence, t: usize) {
+    let Some(v) = sequence.v.get(t) else { return };
+    if sequence.jump.get(t).copied().unwrap_or(false) {
+        contestant.new_stroke(*v);
+    } else {
+        contestant.observe(*v);
+    }
+}
+
+/// The note of a model from when it was built, with what training chose.
+pub(super) fn with_choice(note: Option<String>, contestant: &dyn Contestant) -> Option<String> {
+    let notes: Vec<String> = note.into_iter().chain(contestant.trained_note()).collect();
+    (!notes.is_empty()).then(|| notes.join("; "))
 }
 
 /// Passes over the train sequences, then the end of training; the mean time of one pass \[s\], `None` without
@@ -214,7 +231,7 @@ pub fn train(
     for _ in 0..passes {
         for sequence in sequences {
             contestant.start_sequence();
-            sequence.v.iter().for_each(|v| contestant.observe(*v));
+            (0..sequence.v.len()).for_each(|t| take_in(&mut *contestant, sequence, t));
             done();
         }
     }
@@ -230,8 +247,8 @@ pub fn preview_all(
 ) {
     previews.clear();
     contestant.start_sequence();
-    for (index, v) in sequence.v.iter().enumerate() {
-        contestant.observe(*v);
+    for index in 0..sequence.v.len() {
+        take_in(contestant, sequence, index);
         if index + 1 < sequence.v.len() {
             let mut preview = [[0.0; 2]; HORIZON];
             contestant.preview(&mut preview);

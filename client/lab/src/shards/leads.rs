@@ -22,6 +22,8 @@ pub struct LeadRun {
     pub models: Vec<String>,
     /// Of what these are.
     pub networks: String,
+    /// The result lists every sequence.
+    pub each: bool,
 }
 
 /// What one shard found.
@@ -54,6 +56,7 @@ struct LanePart {
 /// The result of all shards.
 #[derive(Debug)]
 pub struct MergedLeads {
+    pub each: bool,
     pub boards: Vec<Board>,
     pub standings: Vec<Standing>,
 }
@@ -106,7 +109,7 @@ impl MergedLeads {
         }
         let chosen: Vec<&str> = run.models.iter().map(String::as_str).collect();
         let (boards, standings) = ranked(&chosen, boards);
-        Ok(Self { boards, standings })
+        Ok(Self { each: run.each, boards, standings })
     }
 }
 

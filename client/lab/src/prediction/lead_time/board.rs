@@ -4,10 +4,13 @@ use serde::Serialize;
 
 use super::super::registry::{Model, RegistryError};
 use super::super::{Set, glyph_height};
+use super::LEADS_MS;
+use super::each::CharacterName;
 use super::file::{PredictionError, Predictions};
 use super::predicted::{Predicted, predict};
-use super::tally::LeadRow;
+use super::tally::{LeadRow, LeadSums};
 use super::targets::Targets;
+use super::writers::{REPLICATES, WriterBootstrap, interval};
 use crate::parallel;
 
 /// The model that standings are measured against.
@@ -57,6 +60,9 @@ pub struct Lane {
     /// Notes for the reader.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub note: Option<String>,
+    /// Sums of each sequence by look-ahead time.
+    #[serde(skip)]
+    pub sequences: Vec<[LeadSums; LEADS_MS.len()]>,
 }
 
 /// All entrants on one set.
@@ -76,8 +82,16 @@ pub struct Board {
     pub glyph_height: Option<f64>,
     /// Instants at which every model predicted.
     pub instants: usize,
+    /// Who wrote it; with one writer there are no intervals.
+    pub writers: usize,
     /// In the order asked for.
     pub models: Vec<Lane>,
+    /// Names of the sequences of each lane.
+    #[serde(skip)]
+    pub characters: Vec<CharacterName>,
+    /// What makes the intervals.
+    #[serde(skip)]
+    pub bootstrap: WriterBootstrap,
 }
 
 /// One entrant over all sets.
@@ -86,6 +100,8 @@ pub struct Standing {
     pub model: String,
     /// Geometric mean over sets and look-ahead times of its RMS over that of a pen that stands still.
     pub rms_over_zero: Option<f64>,
+    /// 95 % of it over writers; `null` where a set has one writer.
+    pub rms_over_zero_interval: Option<[f64; 2]>,
     /// Sets it was scored on.
     pub sets: usize,
 }
@@ -174,7 +190,15 @@ fn with_still(entrants: &[Entrant]) -> Result<Vec<Entrant>, BoardError> {
 impl Board {
     /// The board of a set with these lanes.
     #[must_use]
-    pub fn of(set: &Set, targets: &Targets, models: Vec<Lane>) -> Self {
+    pub fn of(set: &Set, targets: &Targets, mut models: Vec<Lane>) -> Self {
+        let bootstrap = WriterBootstrap::of(set);
+        for lane in &mut models {
+            let Some(replicates) = bootstrap.rms(&lane.sequences) else { break };
+            for (lead, row) in lane.leads.iter_mut().enumerate() {
+                let of_lead = replicates.iter().map(|rms| rms.get(lead).copied().unwrap_or(f64::NAN));
+                row.rms_interval = interval(of_lead);
+            }
+        }
         let mut rates_hz: Vec<f64> = set.scored.iter().map(|s| s.rate_hz).collect();
         rates_hz.sort_by(f64::total_cmp);
         rates_hz.dedup();
@@ -186,7 +210,10 @@ impl Board {
             unit: if set.mm_per_unit().is_some() { "mm" } else { "raw" }.to_owned(),
             glyph_height: height(set),
             instants: targets.instants.len(),
+            writers: bootstrap.writers(),
             models,
+            characters: set.scored.iter().map(CharacterName::of).collect(),
+            bootstrap,
         }
     }
 }
@@ -215,10 +242,26 @@ fn standings(chosen: &[&str], boards: &[Board]) -> Vec<Standing> {
                 }
             }
             let rms_over_zero = if diverged { None } else { logarithms.get().map(f64::exp) };
-            Standing { model: (*name).to_owned(), rms_over_zero, sets }
+            let rms_over_zero_interval = rms_over_zero.and_then(|_| standing_interval(name, boards));
+            Standing { model: (*name).to_owned(), rms_over_zero, rms_over_zero_interval, sets }
         })
         .collect();
     let last = |s: &Standing| s.rms_over_zero.unwrap_or(f64::INFINITY);
     standings.sort_by(|a, b| last(a).total_cmp(&last(b)));
     standings
+}
+
+/// The interval of a standing: replicate by replicate, the writers of every set drawn anew.
+fn standing_interval(name: &str, boards: &[Board]) -> Option<[f64; 2]> {
+    let mut logarithms = vec![super::super::Mean::default(); REPLICATES];
+    for board in boards {
+        let lane = |name: &str| board.models.iter().find(|lane| lane.model == name);
+        let (Some(lane), Some(still)) = (lane(name), lane(STILL)) else { continue };
+        let (ours, zero) = (board.bootstrap.rms(&lane.sequences)?, board.bootstrap.rms(&still.sequences)?);
+        for (mean, (ours, zero)) in logarithms.iter_mut().zip(ours.iter().zip(&zero)) {
+            let ratios = ours.iter().zip(zero).filter(|(_, zero)| **zero > 0.0);
+            ratios.for_each(|(ours, zero)| mean.push((ours / zero).ln()));
+        }
+    }
+    interval(logarithms.iter().map(|mean| mean.get().map_or(f64::NAN, f64::exp)))
 }

@@ -3,12 +3,12 @@
 use super::super::Set;
 use super::super::model::Contestant;
 use super::super::registry::{Model, RegistryError, Setting};
-use super::super::run::train;
+use super::super::run::{take_in, train, with_choice};
 use super::LEADS_MS;
 use super::bands::Bands;
 use super::board::{BoardError, Entrant, Lane, height};
 use super::file::BandedPosition;
-use super::tally::LeadTally;
+use super::tally::LaneTally;
 use super::targets::{Targets, between};
 
 /// The predictions of one entrant on one set.
@@ -44,6 +44,7 @@ pub(super) fn predict(
         Entrant::Model(model) => {
             let (mut contestant, note) = model.build(&Setting::of(set))?;
             train(&mut *contestant, &set.train, if set.cold { 0 } else { model.passes() }, &|| ());
+            let note = with_choice(note, &*contestant);
             (LeadAnswers::Here(walk(model, &mut *contestant, set, targets, owned)?), note)
         }
         Entrant::File { predictions, .. } => {
@@ -62,13 +63,14 @@ impl Predicted {
     #[must_use]
     pub fn lane(&self, set: &Set, targets: &Targets) -> Lane {
         let scale = set.mm_per_unit().unwrap_or([1.0; 2]);
-        let tallies = match &self.answers {
+        let tally = match &self.answers {
             LeadAnswers::Here(displacements) => with_bands(displacements, set, targets, scale),
-            LeadAnswers::Elsewhere(answers) => judge(answers, targets, scale),
+            LeadAnswers::Elsewhere(answers) => judge(answers, set, targets, scale),
         };
         let glyph_height = height(set);
-        let leads = tallies.iter().enumerate().map(|(lead, tally)| tally.row(lead, glyph_height)).collect();
-        Lane { model: self.model.clone(), leads, note: self.note.clone() }
+        let rows = tally.leads.iter().enumerate().map(|(lead, tally)| tally.row(lead, glyph_height));
+        let (model, note) = (self.model.clone(), self.note.clone());
+        Lane { model, leads: rows.collect(), note, sequences: tally.sequences }
     }
 }
 
@@ -88,8 +90,8 @@ fn walk(
         contestant.start_sequence();
         let farthest = targets.steps_ahead(index, LEADS_MS.len() - 1).ceil().max(1.0) as usize;
         steps.resize(farthest, [0.0; 2]);
-        for (t, v) in sequence.v.iter().enumerate() {
-            contestant.observe(*v);
+        for t in 0..sequence.v.len() {
+            take_in(contestant, sequence, t);
             // After step t the newest point is t + 1.
             let Some(instant) = instants.next_if(|i| i.sequence == index && i.point == t + 1) else {
                 continue;
@@ -108,13 +110,8 @@ fn walk(
 }
 
 /// Scores displacements that stand in the order of the targets, with bands that learn from them.
-fn with_bands(
-    displacements: &[[f64; 2]],
-    set: &Set,
-    targets: &Targets,
-    unit: [f64; 2],
-) -> [LeadTally; LEADS_MS.len()] {
-    let mut tallies: [LeadTally; LEADS_MS.len()] = Default::default();
+fn with_bands(displacements: &[[f64; 2]], set: &Set, targets: &Targets, unit: [f64; 2]) -> LaneTally {
+    let mut tally = LaneTally::new(set.scored.len(), unit);
     let mut displacements = displacements.iter();
     let mut instants = targets.instants.iter().peekable();
     let mut bands = Bands::untried(|lead| targets.steps_ahead(0, lead));
@@ -125,12 +122,12 @@ fn with_bands(
                 continue;
             };
             for lead in instant.scored() {
-                let (Some(predicted), Some(truth), Some(tally)) =
-                    (displacements.next(), targets.truth(index, instant.point, lead), tallies.get_mut(lead))
+                let (Some(predicted), Some(truth)) =
+                    (displacements.next(), targets.truth(index, instant.point, lead))
                 else {
                     continue;
                 };
-                tally.push(*predicted, &truth, bands.at(lead), unit);
+                tally.push(targets, (*instant, lead), *predicted, &truth, bands.at(lead));
                 let [x, y] = truth.position;
                 let due = instant.point + targets.steps_ahead(index, lead).ceil() as usize;
                 bands.push(lead, due, (predicted[0] - x).hypot(predicted[1] - y), x.hypot(y));
@@ -138,26 +135,26 @@ fn with_bands(
         }
         bands.end_sequence();
     }
-    tallies
+    tally
 }
 
 /// Scores answers that stand in the order of the targets.
-fn judge(answers: &[BandedPosition], targets: &Targets, unit: [f64; 2]) -> [LeadTally; LEADS_MS.len()] {
-    let mut tallies: [LeadTally; LEADS_MS.len()] = Default::default();
+fn judge(answers: &[BandedPosition], set: &Set, targets: &Targets, unit: [f64; 2]) -> LaneTally {
+    let mut tally = LaneTally::new(set.scored.len(), unit);
     let mut answers = answers.iter();
     for instant in &targets.instants {
         let newest = targets.points(instant.sequence).get(instant.point).copied().unwrap_or_default();
         for lead in instant.scored() {
-            let (Some(answer), Some(truth), Some(tally)) =
-                (answers.next(), targets.truth(instant.sequence, instant.point, lead), tallies.get_mut(lead))
+            let (Some(answer), Some(truth)) =
+                (answers.next(), targets.truth(instant.sequence, instant.point, lead))
             else {
                 continue;
             };
             let predicted = [answer.position[0] - newest[0], answer.position[1] - newest[1]];
-            tally.push(predicted, &truth, answer.radii, unit);
+            tally.push(targets, (*instant, lead), predicted, &truth, answer.radii);
         }
     }
-    tallies
+    tally
 }
 
 /// Positions after 0, 1, 2 ... predicted steps.

@@ -25,6 +25,35 @@ impl Board {
         )
     }
 
+    /// The side effects of every model, and the interval of its error.
+    fn side_effect_lines(&self, wide: usize) -> Vec<String> {
+        let unit = if self.unit == "mm" { "mm" } else { "raw units" };
+        let writers = match self.writers {
+            1 => "one writer: no interval".to_owned(),
+            count => format!("RMS over {count} writers, 95 %"),
+        };
+        let mut lines = vec![format!(
+            "\nSide effects at 100 ms, mean and 95th percentile [{unit}; direction in degrees]; {writers}\n"
+        )];
+        let heads = ["late", "ahead", "direction", "jitter", "error"];
+        let heads: String = heads.iter().map(|head| format!(" {head:>9} {:>9}", "95 %")).collect();
+        lines.push(format!("{:<wide$}{heads}   RMS", "model"));
+        for lane in &self.models {
+            let Some(row) = lane.leads.iter().find(|row| row.lead_ms == 100) else { continue };
+            let cells = [row.lateness, row.over_anticipation, row.wrong_direction_deg, row.jitter, row.error];
+            let cells = cells
+                .iter()
+                .map(|spread| format!(" {:>9} {:>9}", table::figure(spread.mean), table::figure(spread.p95)));
+            let cells: String = cells.collect();
+            let rms = table::figure(row.rms);
+            let ends = row.rms_interval.map_or_else(String::new, |[low, high]| {
+                format!(" ({} to {})", table::figure(Some(low)), table::figure(Some(high)))
+            });
+            lines.push(format!("{:<wide$}{cells}   {rms}{ends}", lane.model));
+        }
+        lines
+    }
+
     /// The board for people.
     pub fn lines(&self) -> Vec<String> {
         let (board, mut lines) = (self, Vec::new());
@@ -58,6 +87,7 @@ impl Board {
                 table::figure(of(|r| r.radius_90))
             ));
         }
+        lines.extend(board.side_effect_lines(wide));
         for lane in &board.models {
             if let Some(text) = &lane.note {
                 lines.push(format!("{}: {text}", lane.model));
@@ -68,13 +98,21 @@ impl Board {
     }
 }
 
+/// An interval behind a figure, nothing without one.
+fn between(interval: Option<[f64; 2]>, digits: usize) -> String {
+    let ends = |[low, high]: [f64; 2]| format!("  ({low:.digits$} to {high:.digits$})");
+    interval.map_or_else(String::new, ends)
+}
+
 /// The standings over so many sets for people.
 pub fn standing_lines(standings: &[Standing], sets: usize) -> Vec<String> {
     let mut lines = Vec::new();
-    lines.push(
-        "Over all sets and look-ahead times: RMS over that of a pen that stands still, geometric mean"
-            .to_owned(),
-    );
+    let intervals = standings.iter().any(|standing| standing.rms_over_zero_interval.is_some());
+    let over_writers = if intervals { ", 95 % over writers" } else { "" };
+    lines.push(format!(
+        "Over all sets and look-ahead times: RMS over that of a pen that stands still, geometric \
+         mean{over_writers}"
+    ));
     let wide = table::width(standings.iter().map(|s| s.model.as_str()));
     for (index, standing) in standings.iter().enumerate() {
         let some = if standing.sets < sets {
@@ -83,10 +121,11 @@ pub fn standing_lines(standings: &[Standing], sets: usize) -> Vec<String> {
             String::new()
         };
         lines.push(format!(
-            "{:>3}  {:<wide$} {:>7}{some}",
+            "{:>3}  {:<wide$} {:>7}{}{some}",
             index + 1,
             standing.model,
-            table::fixed(standing.rms_over_zero, 4)
+            table::fixed(standing.rms_over_zero, 4),
+            between(standing.rms_over_zero_interval, 4),
         ));
     }
     lines

@@ -58,7 +58,7 @@ impl Targets {
         let rates_hz = sequences.iter().map(|s| s.rate_hz).collect();
         let mut targets = Self { points, stroke_ends, rates_hz, instants: Vec::new() };
         for (sequence, s) in sequences.iter().enumerate() {
-            let stride = ((STRIDE_S * s.rate_hz).round() as usize).max(1);
+            let stride = stride(s.rate_hz);
             let count = targets.points.get(sequence).map_or(0, Vec::len);
             for point in (stride..count).step_by(stride) {
                 // The newest step seen must not be a jump itself.
@@ -74,6 +74,17 @@ impl Targets {
             }
         }
         targets
+    }
+
+    /// `later` is the instant after `before`, in the same stroke.
+    #[must_use]
+    pub fn follows(&self, before: Instant, later: Instant) -> bool {
+        let end = |instant: Instant| self.stroke_ends.get(instant.sequence)?.get(instant.point).copied();
+        let stride = self.rates_hz.get(later.sequence).map_or(0, |rate_hz| stride(*rate_hz));
+        before.sequence == later.sequence
+            && before.point + stride == later.point
+            && end(before).is_some()
+            && end(before) == end(later)
     }
 
     /// Samples from the newest point to the target, with their fraction.
@@ -119,6 +130,11 @@ pub(super) fn between(points: &[[f64; 2]], at: f64) -> Option<[f64; 2]> {
     let Some([x1, y1]) = points.get(index as usize + 1) else { return Some([x, y]) };
     let share = at - index;
     Some([x + share * (x1 - x), y + share * (y1 - y)])
+}
+
+/// Samples from instant to instant.
+fn stride(rate_hz: f64) -> usize {
+    ((STRIDE_S * rate_hz).round() as usize).max(1)
 }
 
 fn points(sequence: &CharacterSequence) -> Vec<[f64; 2]> {

@@ -173,3 +173,118 @@ proptest::proptest! {
         let _ = Predictions::parse(&text, Path::new("mine.csv"));
     }
 }
+
+/// The same predictor a fixed time late, or too far ahead: what a lead's side effects are of.
+fn shifted(folder: &Path, late_ms: f64) -> String {
+    let read = |what: &str| std::fs::read_to_string(folder.join(format!("pens-{what}.csv"))).unwrap();
+    let points: Vec<Vec<String>> =
+        read("points").lines().skip(1).map(|l| l.split(',').map(str::to_owned).collect()).collect();
+    let at = |segment: &str, t: f64| -> [f64; 2] {
+        let row = |t: usize| points.iter().find(|p| p[1] == segment && p[2] == t.to_string());
+        let (low, share) = (t.floor() as usize, t.fract());
+        let of = |row: &Vec<String>| [row[4].parse::<f64>().unwrap(), row[5].parse().unwrap()];
+        let a = of(row(low).unwrap());
+        let b = row(low + 1).map_or(a, of);
+        [a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1])]
+    };
+    let mut text = String::from("file,segment,t,lead,x,y\n");
+    for target in read("targets").lines().skip(1) {
+        let cells: Vec<&str> = target.split(',').collect();
+        let t = cells[2].parse::<f64>().unwrap() + (cells[3].parse::<f64>().unwrap() - late_ms) / 10.0;
+        let [x, y] = at(cells[1], t);
+        text += &format!("{target},{x},{y}\n");
+    }
+    text
+}
+
+#[test]
+fn who_is_late_on_a_line_is_late_only_and_who_is_early_over_anticipates_only() {
+    let folder = tempfile::tempdir().unwrap();
+    // 2 raw units = 1 mm per 10 ms.
+    let points: Vec<[f64; 2]> = (0..60).map(|i| [1.2 * f64::from(i), 1.6 * f64::from(i)]).collect();
+    let whole = set(vec![character(0, &points, &[])]);
+    // What is early has to know more of the line than is scored.
+    let known: Vec<[f64; 2]> = (0..90).map(|i| [1.2 * f64::from(i), 1.6 * f64::from(i)]).collect();
+    export(folder.path(), "pens", &whole.scored).unwrap();
+    let targets = std::fs::read_to_string(folder.path().join("pens-targets.csv")).unwrap();
+    export(folder.path(), "pens", &[character(0, &known, &[])]).unwrap();
+    std::fs::write(folder.path().join("pens-targets.csv"), targets).unwrap();
+    for late_ms in [15.0, -15.0] {
+        let predictions =
+            Predictions::parse(&shifted(folder.path(), late_ms), Path::new("mine.csv")).unwrap();
+        let entrant = Entrant::File { name: "mine".to_owned(), predictions };
+        let (boards, _) = compare(&[entrant], std::slice::from_ref(&whole), &|| ()).unwrap();
+        for row in &boards[0].models[0].leads {
+            let (is, is_not) = match late_ms > 0.0 {
+                true => (row.lateness, row.over_anticipation),
+                false => (row.over_anticipation, row.lateness),
+            };
+            for value in [is.mean, is.p50, is.p95, is.p99, row.rms, row.error.mean] {
+                assert!((value.unwrap() - 1.5).abs() < 1e-6, "{row:?}");
+            }
+            assert!(is_not.p99.unwrap() < 1e-6 && row.jitter.p99.unwrap() < 1e-6, "{row:?}");
+            // 10 ms ahead and 15 ms late is behind the newest point.
+            let turned = if late_ms > 0.0 && row.lead_ms == 10 { 180.0 } else { 0.0 };
+            assert!((row.wrong_direction_deg.p50.unwrap() - turned).abs() < 1e-6, "{row:?}");
+        }
+    }
+}
+
+#[test]
+fn jitter_is_within_a_stroke_and_from_instant_to_instant() {
+    // Constant velocity on a parabola misses by the same vector at every instant, whatever the speed.
+    let points: Vec<[f64; 2]> = (0..60).map(|i| [3.0 * f64::from(i), 0.05 * f64::from(i * i)]).collect();
+    let (boards, _) =
+        compare(&models("constant-velocity"), &[set(vec![character(0, &points, &[29])])], &|| ()).unwrap();
+    for row in &boards[0].models[0].leads {
+        assert!(row.jitter.p99.unwrap() < 1e-5 && row.rms.unwrap() > 1e-3, "{row:?}");
+    }
+    // Instants at 2, 4 … 28 and 32, 34 … 58: 28 targets 10 ms ahead, of which two are the first of a stroke.
+    let each: Vec<_> = boards[0].each().collect();
+    assert_eq!((each.len(), each[0].targets[0]), (1, 28));
+    let tally = boards[0].models[0].sequences[0][0];
+    assert_eq!((tally.square.count, tally.jitter.count), (28, 26));
+}
+
+#[test]
+fn intervals_are_over_writers_and_each_sequence_is_told() {
+    let written = |segment: usize, writer: &str, bend: f64| {
+        let points: Vec<[f64; 2]> = (0..50).map(|i| [3.0 * f64::from(i), bend * f64::from(i * i)]).collect();
+        CharacterSequence { writer: writer.to_owned(), ..character(segment, &points, &[]) }
+    };
+    let several = |writers: [&str; 4]| {
+        let bends = [0.01, 0.02, 0.06, 0.09];
+        let scored = writers.into_iter().zip(bends).enumerate();
+        set(scored.map(|(segment, (writer, bend))| written(segment, writer, bend)).collect())
+    };
+    let entrants = models("hold,constant-velocity");
+    let (boards, standings) = compare(&entrants, &[several(["a", "b", "b", "c"])], &|| ()).unwrap();
+    assert_eq!(boards[0].writers, 3);
+    for lane in &boards[0].models {
+        for row in &lane.leads {
+            let ([low, high], rms) = (row.rms_interval.unwrap(), row.rms.unwrap());
+            assert!(low <= rms && rms <= high && low < high, "{row:?}");
+        }
+    }
+    // Over itself, `hold` is 1 whoever writes.
+    assert_eq!(standings[1].rms_over_zero_interval, Some([1.0, 1.0]));
+    let ([low, high], is) =
+        (standings[0].rms_over_zero_interval.unwrap(), standings[0].rms_over_zero.unwrap());
+    assert!(low < is && is < high && high < 1.0, "{standings:?}");
+    // The sequences make up the row.
+    let each: Vec<_> = boards[0].each().collect();
+    assert_eq!(each.iter().map(|one| (one.model, one.name.segment)).collect::<Vec<_>>(), {
+        let of = |model| (0..4).map(move |segment| (model, segment));
+        of("hold").chain(of("constant-velocity")).collect::<Vec<_>>()
+    });
+    let row = &boards[0].models[1].leads[4];
+    let of_model = || each.iter().skip(4);
+    let targets: u64 = of_model().map(|one| one.targets[4]).sum();
+    let squares: f64 = of_model().map(|one| one.rms[4].unwrap().powi(2) * one.targets[4] as f64).sum();
+    assert_eq!(targets, row.targets);
+    assert!(((squares / targets as f64).sqrt() - row.rms.unwrap()).abs() < 1e-12);
+    let (boards, standings) = compare(&entrants, &[several(["a"; 4])], &|| ()).unwrap();
+    assert_eq!(boards[0].writers, 1);
+    assert!(boards[0].models.iter().flat_map(|lane| &lane.leads).all(|row| row.rms_interval.is_none()));
+    assert!(standings.iter().all(|standing| standing.rms_over_zero_interval.is_none()));
+}
