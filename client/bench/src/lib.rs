@@ -7,6 +7,9 @@
 
 #![forbid(unsafe_code)]
 
+pub mod against;
+mod part;
+mod table;
 mod workload;
 mod evidence;
 mod lag;
@@ -31,6 +34,7 @@ use serde::Serialize;
 
 pub use evidence::EvidenceCost;
 pub use lag::LagCost;
+pub use part::BenchPart;
 pub use predictors::PredictorCost;
 pub use stepping::PredictorSteps;
 use workload::{J, Workload};
@@ -76,66 +80,99 @@ pub struct CostRow {
     pub clarabel_tuned: Option<CostQuantiles>,
 }
 
-/// The result; keys are stable.
+/// The result; keys are stable. What was not asked for is not there.
 #[derive(Debug, Serialize)]
 pub struct BenchReport {
     /// Steps of the plan, as in the settings.
     pub horizon: usize,
-    pub mpc_free_us: CostRow,
-    pub mpc_active_us: CostRow,
-    pub ik_us: CostRow,
-    pub predict_us: CostRow,
-    pub step_us: CostRow,
-    /// The whole step with each predictor, weights coming in as in the daemon.
-    pub step_by_predictor_us: Vec<stepping::PredictorSteps>,
-    /// One grid step of the learner: all models, their comparisons, all bands.
-    pub learn_us: CostQuantiles,
-    /// The lag estimator's part of a tick.
-    pub lag_us: lag::LagCost,
-    /// Trust evidence: scoring previews, and correcting the newest.
-    pub evidence_us: evidence::EvidenceCost,
-    /// One observation and one preview each.
-    pub predictors_us: Vec<predictors::PredictorCost>,
+    #[serde(flatten)]
+    pub costs: BenchCosts,
     pub clock_us: f64,
     pub samples: u32,
     pub optimised_build: bool,
 }
 
-/// Runs a loop of `config`, which has [`FIXED`], on `path`, and times `samples` instances of every problem
-/// that occurred in it.
+/// Rows of the table, those of the parts that were timed \[µs\].
+#[derive(Debug, Default, Serialize)]
+pub struct BenchCosts {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mpc_free_us: Option<CostRow>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mpc_active_us: Option<CostRow>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub ik_us: Option<CostRow>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub predict_us: Option<CostRow>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub step_us: Option<CostRow>,
+    /// The whole step with each predictor, weights coming in as in the daemon.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub step_by_predictor_us: Option<Vec<stepping::PredictorSteps>>,
+    /// One grid step of the learner: all models, their comparisons, all bands.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub learn_us: Option<CostQuantiles>,
+    /// The lag estimator's part of a tick.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub lag_us: Option<lag::LagCost>,
+    /// Trust evidence: scoring previews, and correcting the newest.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub evidence_us: Option<evidence::EvidenceCost>,
+    /// One observation and one preview each.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub predictors_us: Option<Vec<predictors::PredictorCost>>,
+}
+
+/// Runs a loop of `config`, which has [`FIXED`], on `path`, and times `samples` instances of every problem of
+/// `parts` that occurred in it.
 ///
 /// # Errors
 ///
 /// Settings that the loop refuses, a path on which the arm never follows, or without a problem of each kind.
-pub fn measure(config: &Config, path: &PenPath, samples: u32) -> Result<BenchReport, Failure> {
+pub fn measure(
+    config: &Config,
+    path: &PenPath,
+    samples: u32,
+    parts: &[BenchPart],
+) -> Result<BenchReport, Failure> {
     match config.settings().mpc.horizon {
-        10 => measured::<10>(config, path, samples),
-        20 => measured::<20>(config, path, samples),
-        _ => measured::<30>(config, path, samples),
+        10 => measured::<10>(config, path, samples, parts),
+        20 => measured::<20>(config, path, samples, parts),
+        _ => measured::<30>(config, path, samples, parts),
     }
 }
 
 /// Everything under the clock, with plans of N steps.
-fn measured<const N: usize>(config: &Config, path: &PenPath, samples: u32) -> Result<BenchReport, Failure> {
+fn measured<const N: usize>(
+    config: &Config,
+    path: &PenPath,
+    samples: u32,
+    parts: &[BenchPart],
+) -> Result<BenchReport, Failure> {
     let seconds = (f64::from(samples) * 0.02).clamp(20.0, 600.0);
     let workload = workload::record::<N>(config, path, seconds)?;
-    let (step_by_predictor_us, learn_us) = stepping::by_predictor(config, &workload, samples)?;
-    Ok(BenchReport {
-        horizon: N,
-        mpc_free_us: planning(config, &workload, 0..=0, samples)?,
-        mpc_active_us: planning(config, &workload, 3..=8, samples)?,
-        ik_us: reaching(config, &workload, samples)?,
-        predict_us: predicting(config, &workload, samples)?,
-        step_us: stepping::stepping(config, &workload, samples)?,
-        step_by_predictor_us,
-        learn_us,
-        lag_us: lag::lag(&workload, samples),
-        evidence_us: evidence::evidence(config, &workload, samples)?,
-        predictors_us: predictors::predictors(config, &workload, samples)?,
-        clock_us: clock_cost(),
-        samples,
-        optimised_build: !cfg!(debug_assertions),
-    })
+    let mut costs = BenchCosts::default();
+    for part in parts {
+        match part {
+            BenchPart::Plan => {
+                costs.mpc_free_us = Some(planning(config, &workload, 0..=0, samples)?);
+                costs.mpc_active_us = Some(planning(config, &workload, 3..=8, samples)?);
+            }
+            BenchPart::Ik => costs.ik_us = Some(reaching(config, &workload, samples)?),
+            BenchPart::Predict => costs.predict_us = Some(predicting(config, &workload, samples)?),
+            BenchPart::Step => costs.step_us = Some(stepping::stepping(config, &workload, samples)?),
+            BenchPart::StepByPredictor => {
+                let (steps, learn) = stepping::by_predictor(config, &workload, samples)?;
+                (costs.step_by_predictor_us, costs.learn_us) = (Some(steps), Some(learn));
+            }
+            BenchPart::Lag => costs.lag_us = Some(lag::lag(&workload, samples)),
+            BenchPart::Evidence => costs.evidence_us = Some(evidence::evidence(config, &workload, samples)?),
+            BenchPart::Predictors => {
+                costs.predictors_us = Some(predictors::predictors(config, &workload, samples)?);
+            }
+        }
+    }
+    let (clock_us, optimised_build) = (clock_cost(), !cfg!(debug_assertions));
+    Ok(BenchReport { horizon: N, costs, clock_us, samples, optimised_build })
 }
 
 /// Planning problems whose exact solution has this many active limits (`active`).
@@ -267,82 +304,6 @@ fn clock_cost() -> f64 {
 
 fn elapsed_us(begin: Instant) -> f64 {
     begin.elapsed().as_nanos() as f64 * 1e-3
-}
-
-fn pair(cost: &CostQuantiles) -> String {
-    format!("{:.2} / {:.2}", cost.p50, cost.p99)
-}
-
-impl BenchReport {
-    /// The table for people.
-    pub fn lines(&self) -> Vec<String> {
-        let (report, mut lines) = (self, Vec::new());
-        lines.push(format!(
-            "µs, p50 / p99 of {} instances each, plans of {} steps; the clock's own {:.3} µs included\n",
-            report.samples, report.horizon, report.clock_us
-        ));
-        lines.push(format!(
-            "{:<22} {:>15} {:>19} {:>8} {:>19} {:>8}",
-            "", "exact", "Clarabel", "ratio", "Clarabel tuned", "ratio"
-        ));
-        for (name, row) in [
-            ("plan, no limit active", &report.mpc_free_us),
-            ("plan, 3-8 active", &report.mpc_active_us),
-            ("inverse kinematics", &report.ik_us),
-            ("predict", &report.predict_us),
-            ("whole step", &report.step_us),
-        ] {
-            let other = |cost: &Option<CostQuantiles>| cost.as_ref().map_or("-".to_owned(), pair);
-            let ratio = |cost: &Option<CostQuantiles>| {
-                cost.as_ref().map_or_else(String::new, |cost| format!("{:.0} x", cost.p50 / row.exact.p50))
-            };
-            lines.push(format!(
-                "{:<22} {:>15} {:>19} {:>8} {:>19} {:>8}",
-                name,
-                pair(&row.exact),
-                other(&row.clarabel),
-                ratio(&row.clarabel),
-                other(&row.clarabel_tuned),
-                ratio(&row.clarabel_tuned)
-            ));
-        }
-        lines.push(format!(
-            "\n{:<22} {:>15} {:>19} {:>19}",
-            "whole step with", "any tick", "with a new preview", "with new weights"
-        ));
-        for stepping::PredictorSteps { predictor, any, new_preview, new_weights } in
-            &report.step_by_predictor_us
-        {
-            lines.push(format!(
-                "{:<22} {:>15} {:>19} {:>19}",
-                predictor,
-                pair(any),
-                pair(new_preview),
-                pair(new_weights)
-            ));
-        }
-        lines.push(format!(
-            "{:<22} {:>15}   off the loop: all models, all bands",
-            "learner's step",
-            pair(&report.learn_us)
-        ));
-        let lag = &report.lag_us;
-        let (name, p90) = ("lag of the arm, a tick", lag.p90);
-        lines.push(format!("{name:<22} {:>15}   {p90:.2} where a grid step closes", pair(&lag.per_tick)));
-        let evidence = &report.evidence_us;
-        lines.push(format!(
-            "{:<22} {:>15}   {} where a grid step closes",
-            "trust evidence, a tick",
-            pair(&evidence.between),
-            pair(&evidence.closing)
-        ));
-        lines.push(String::new());
-        for predictors::PredictorCost { name, steps, us } in &report.predictors_us {
-            let what = if *steps == 0 { "learn".to_owned() } else { format!("observe, {steps} steps") };
-            lines.push(format!("{name:<22} {:>15}   {what}", pair(us)));
-        }
-        lines
-    }
 }
 
 #[cfg(test)]

@@ -46,6 +46,7 @@ mod calibrate;
 mod torque;
 mod status;
 mod demo;
+mod run_folder;
 mod bench;
 mod doctor;
 mod service;

@@ -1,5 +1,6 @@
 //! Whole programs, from outside.
 
+mod bench_against;
 mod calibrate;
 mod chain;
 mod chaos;
