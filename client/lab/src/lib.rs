@@ -15,5 +15,6 @@ pub mod closed_loop;
 pub mod prediction;
 pub mod shards;
 pub mod train;
+pub mod sets;
 pub mod plot;
 mod parallel;

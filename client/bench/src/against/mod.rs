@@ -55,7 +55,7 @@ impl BenchSide {
 
     /// Who goes first, then who goes second.
     const fn order(round: u32) -> [Self; 2] {
-        if round % 2 == 0 { Self::BOTH } else { [Self::Other, Self::This] }
+        if round.is_multiple_of(2) { Self::BOTH } else { [Self::Other, Self::This] }
     }
 }
 

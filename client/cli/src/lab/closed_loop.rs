@@ -15,6 +15,7 @@ use foretrace_sim::data::Split;
 use foretrace_sim::path::Lift;
 use serde_json::json;
 
+use super::lab_run::LabRun;
 use super::law::named_number;
 use super::progress::StepProgress;
 use super::shards::ShardArgs;
@@ -88,9 +89,10 @@ pub(crate) struct ClosedLoopArgs {
     #[arg(long)]
     strict: bool,
 
-    /// Folder for the pictures
-    #[arg(long, value_name = "DIR", default_value = "foretrace-lab", conflicts_with = "shard")]
-    out: PathBuf,
+    /// Folder for the pictures and run.json, which tells how to repeat the run [default: a new one,
+    /// foretrace-lab/closed-loop-SET-DATE]
+    #[arg(long, value_name = "DIR", conflicts_with = "shard")]
+    out: Option<PathBuf>,
 
     #[command(flatten)]
     shard: ShardArgs,
@@ -151,10 +153,8 @@ fn age(text: &str) -> Result<f64, String> {
 }
 
 pub(super) fn run(args: &ClosedLoopArgs) -> Result<(), Failure> {
-    match args.shard.shard {
-        Some(_) => args.json.claim()?,
-        None => args.json.claim_beside(&args.out)?,
-    }
+    let data: Vec<&Path> = args.data.iter().map(PathBuf::as_path).collect();
+    let lab_run = LabRun::begin(NAME, &data, args.out.as_deref(), &args.json)?;
     let config = args.settings.load()?;
     let rivals = rivals(&args.predictors, args.pareto)?;
     let law = args.law()?;
@@ -168,21 +168,22 @@ pub(super) fn run(args: &ClosedLoopArgs) -> Result<(), Failure> {
     }
     let benchmark = Benchmark { config: &config, arms, rivals, flaws: args.flaws(), law };
     if args.pareto {
-        return pareto(args, &title, &benchmark);
+        return pareto(args, &title, &benchmark, &lab_run);
     }
     let progress = StepProgress::of("lab closed-loop", benchmark.jobs());
     let outcomes = benchmark.run(|| progress.step()).map_err(|error| Failure::failed(error, ""))?;
     drop(progress);
-    let heading = show(&title, &outcomes, &args.out)?;
-    let letters = pictures::letters(&args.out, &heading, &benchmark, &outcomes)?;
+    let heading = show(&title, &outcomes, &lab_run)?;
+    let letters = pictures::letters(&lab_run.folder()?, &heading, &benchmark, &outcomes)?;
     letters.iter().for_each(|file| say_picture(file));
+    lab_run.finish(Some(&config))?;
     let names = args.each.then(|| benchmark.names());
     let each = names.as_ref().map(|names| MethodOutcome::each(names, &outcomes).collect());
     write(&args.json, &title, &args.lifts, &outcomes, each)
 }
 
 /// The table and the distributions of errors; returns the heading of pictures.
-pub(super) fn show(title: &str, outcomes: &[MethodOutcome], out: &Path) -> Result<String, Failure> {
+pub(super) fn show(title: &str, outcomes: &[MethodOutcome], lab_run: &LabRun) -> Result<String, Failure> {
     let rows = MethodOutcome::table(outcomes);
     if rows.is_empty() {
         return Err(nothing(title));
@@ -191,9 +192,10 @@ pub(super) fn show(title: &str, outcomes: &[MethodOutcome], out: &Path) -> Resul
     say!("{title}: {sequences} sequences\n");
     say_lines(table_lines(&rows));
     let heading = format!("{title}, {sequences} sequences");
-    folder(out)?;
+    let out = lab_run.folder()?;
+    folder(&out)?;
     say!("");
-    say_picture(&pictures::distributions(out, &heading, outcomes)?);
+    say_picture(&pictures::distributions(&out, &heading, outcomes)?);
     Ok(heading)
 }
 
@@ -247,7 +249,12 @@ fn write_shard(
     shards::write(&args.json, NAME, shard, run, part, counts)
 }
 
-fn pareto(args: &ClosedLoopArgs, title: &str, benchmark: &Benchmark<'_>) -> Result<(), Failure> {
+fn pareto(
+    args: &ClosedLoopArgs,
+    title: &str,
+    benchmark: &Benchmark<'_>,
+    lab_run: &LabRun,
+) -> Result<(), Failure> {
     for refused in benchmark.pareto_refused() {
         note!("lab: left out: {refused}");
     }
@@ -263,9 +270,11 @@ fn pareto(args: &ClosedLoopArgs, title: &str, benchmark: &Benchmark<'_>) -> Resu
     for ParetoPoint { method, arm, label, rms_m, rms_jerk, .. } in &points {
         say!("{method:<wide$} {arm:<8} {label:<34} {:>9.3} {rms_jerk:>10.1}", rms_m * 1e3);
     }
-    folder(&args.out)?;
+    let out = lab_run.folder()?;
+    folder(&out)?;
     say!("");
-    say_picture(&pictures::pareto(&args.out, title, &points)?);
+    say_picture(&pictures::pareto(&out, title, &points)?);
+    lab_run.finish(Some(benchmark.config))?;
     args.json.write(&json!({ "set": title, "lifts": args.lifts, "pareto": points }))
 }
 

@@ -42,7 +42,8 @@ impl Experiment {
         drop(progress);
         say!("{}\n", self.title);
         say_lines(figure.lines());
-        say_drawn(figure.draw(&args.out, &self.letters, &self.title)?);
+        say_drawn(figure.draw(&self.run.folder()?, &self.letters, &self.title)?);
+        self.run.finish(Some(&self.config))?;
         args.json.write(&fig2_json(&figure, self.letters.len()))
     }
 
@@ -64,7 +65,8 @@ impl Experiment {
         say!("jerk in the ramp         {:.3} of the largest outside (median)", figure.max_jerk_ratio);
         say!("step of the error        {:.3} of the largest outside (median)", figure.irregularity);
         say!("ramps unnoticed          {:.0} %", figure.unnoticed * 100.0);
-        say_drawn(figure.draw(&args.out, kind, &self.title)?);
+        say_drawn(figure.draw(&self.run.folder()?, kind, &self.title)?);
+        self.run.finish(Some(&self.config))?;
         args.json.write(&json!({
             "fig3": {
                 "predictor": kind.name(),

@@ -10,6 +10,7 @@ use foretrace_lab::shards::{LeadRun, SetRun, Shard, brought, lead_part, owned};
 use foretrace_sim::data::{DataSet, Split};
 use serde_json::json;
 
+use super::lab_run::LabRun;
 use super::progress::StepProgress;
 use super::shards::ShardArgs;
 use super::{say_picture, shards, table};
@@ -47,9 +48,10 @@ pub(crate) struct LeadtimeArgs {
     #[arg(long, requires = "json", conflicts_with = "export_targets")]
     each: bool,
 
-    /// Folder for the picture
-    #[arg(long, value_name = "DIR", default_value = "foretrace-lab", conflicts_with = "shard")]
-    out: PathBuf,
+    /// Folder for the picture and run.json, which tells how to repeat the run [default: a new one,
+    /// foretrace-lab/leadtime-SET-DATE]
+    #[arg(long, value_name = "DIR", conflicts_with = "shard")]
+    out: Option<PathBuf>,
 
     #[command(flatten)]
     shard: ShardArgs,
@@ -62,10 +64,8 @@ pub(crate) struct LeadtimeArgs {
 pub(super) const NAME: &str = "leadtime";
 
 pub(super) fn run(args: &LeadtimeArgs) -> Result<(), Failure> {
-    match args.shard.shard {
-        Some(_) => args.json.claim()?,
-        None => args.json.claim_beside(&args.out)?,
-    }
+    let data: Vec<&Path> = args.data.iter().map(PathBuf::as_path).collect();
+    let lab_run = LabRun::begin(NAME, &data, args.out.as_deref(), &args.json)?;
     let entrants = entrants(args.models.as_deref())?;
     let exports = args.export_targets.as_deref();
     let mut sets = Vec::new();
@@ -85,7 +85,7 @@ pub(super) fn run(args: &LeadtimeArgs) -> Result<(), Failure> {
     match (exports, args.shard.shard) {
         (Some(folder), _) => export_all(folder, &sets),
         (None, Some(shard)) => write_shard(args, shard, &entrants, &sets),
-        (None, None) => compare_all(args, &entrants, &sets),
+        (None, None) => compare_all(args, &entrants, &sets, &lab_run),
     }
 }
 
@@ -133,11 +133,16 @@ fn export_all(folder: &Path, sets: &[Set]) -> Result<(), Failure> {
     Ok(())
 }
 
-fn compare_all(args: &LeadtimeArgs, entrants: &[Entrant], sets: &[Set]) -> Result<(), Failure> {
+fn compare_all(
+    args: &LeadtimeArgs,
+    entrants: &[Entrant],
+    sets: &[Set],
+    lab_run: &LabRun,
+) -> Result<(), Failure> {
     let progress = StepProgress::of("lab leadtime", entrants.len() * sets.len());
     let (boards, standings) = compare(entrants, sets, &|| progress.step()).map_err(refused)?;
     drop(progress);
-    show(&boards, &standings, args.each, &args.out, &args.json)
+    show(&boards, &standings, args.each, lab_run, &args.json)
 }
 
 /// Predicts for the shard's sequences, and writes what the merge needs.
@@ -170,7 +175,7 @@ pub(super) fn show(
     boards: &[Board],
     standings: &[Standing],
     each: bool,
-    out: &Path,
+    lab_run: &LabRun,
     json: &JsonArgs,
 ) -> Result<(), Failure> {
     if let Some(board) = boards.iter().find(|board| board.instants == 0) {
@@ -182,9 +187,10 @@ pub(super) fn show(
     if standings.iter().any(|standing| standing.sets < boards.len()) {
         note!("lab: standings over different sets do not compare");
     }
-    let file = draw(out, boards)?;
+    let file = draw(&lab_run.folder()?, boards)?;
     say!("");
     say_picture(&file);
+    lab_run.finish(None)?;
     let mut result = json!({ "sets": boards, "standings": standings });
     if each {
         result["sequences"] = json!(boards.iter().flat_map(Board::each).collect::<Vec<_>>());

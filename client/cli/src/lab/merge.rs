@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use foretrace_lab::closed_loop::MethodOutcome;
 use foretrace_lab::shards::{MergeError, MergedLeads, MergedLoop, MergedTable, command_of};
 
+use super::lab_run::LabRun;
 use super::{closed_loop, evaluate, leadtime, table1};
 use crate::failure::Failure;
 use crate::output::{JsonArgs, note, note_results};
@@ -18,28 +19,32 @@ pub(crate) struct MergeArgs {
     #[arg(value_name = "FILE", required = true)]
     files: Vec<PathBuf>,
 
-    /// Folder for the pictures
-    #[arg(long, value_name = "DIR", default_value = "foretrace-lab")]
-    out: PathBuf,
+    /// Folder for the pictures and run.json, which tells how to repeat the run [default: a new one,
+    /// foretrace-lab/merge-DATE]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
 
     #[command(flatten)]
     json: JsonArgs,
 }
 
 pub(super) fn run(args: &MergeArgs) -> Result<(), Failure> {
-    args.json.claim_in(&args.out)?;
+    let lab_run = LabRun::begin_merge(args.out.as_deref(), &args.json)?;
     let wrong = |error: MergeError| Failure::bad_input(error, "");
     let MergeArgs { files, out, json } = args;
     let command = command_of(files).map_err(wrong)?;
     // That one draws nothing.
-    if command != evaluate::NAME {
+    if let Some(out) = out
+        && command != evaluate::NAME
+    {
         note_results(out);
     }
     match command.as_str() {
         closed_loop::NAME => {
             let merged = MergedLoop::of(files).map_err(wrong)?;
             let MergedLoop { run, arms, outcomes } = &merged;
-            closed_loop::show(&run.set, outcomes, out)?;
+            closed_loop::show(&run.set, outcomes, &lab_run)?;
+            lab_run.finish(None)?;
             note!(
                 "lab: the pictures of single letters need the recordings: the same command without --shard \
                  makes them"
@@ -49,7 +54,7 @@ pub(super) fn run(args: &MergeArgs) -> Result<(), Failure> {
         }
         table1::NAME => {
             let MergedTable { run, set, scored } = MergedTable::of(files).map_err(wrong)?;
-            table1::show(&set, &scored, run.by_label, out, json)
+            table1::show(&set, &scored, run.by_label, &lab_run, json)
         }
         evaluate::NAME => {
             let MergedTable { set, scored, .. } = MergedTable::of(files).map_err(wrong)?;
@@ -57,7 +62,7 @@ pub(super) fn run(args: &MergeArgs) -> Result<(), Failure> {
         }
         leadtime::NAME => {
             let MergedLeads { each, boards, standings } = MergedLeads::of(files).map_err(wrong)?;
-            leadtime::show(&boards, &standings, each, out, json)
+            leadtime::show(&boards, &standings, each, &lab_run, json)
         }
         other => Err(Failure::bad_input(
             format_args!("shards of {other:?}, which this program cannot merge"),

@@ -4,11 +4,14 @@
 mod closed_loop;
 mod figures;
 mod inputs;
+mod lab_run;
 mod law;
 mod table;
 mod table1;
 mod train;
 mod evaluate;
+mod fetch;
+mod generate;
 mod leadtime;
 mod merge;
 mod pictures;
@@ -84,6 +87,15 @@ pub(crate) enum LabCommand {
     /// Trains it with all inputs, with each kind left out, with more context up to being told the letter, and
     /// with each set left out of the training, and judges every network on other writers.
     Inputs(inputs::InputsArgs),
+    /// Tell where the published sets are, or check one that was downloaded and write its split.tsv
+    ///
+    /// Downloads nothing. Names source, licence and the lines that make the set's folder of the archive.
+    Fetch(fetch::FetchArgs),
+    /// Write a small set in the hands of the built-in writer, so that every command here runs without
+    /// recordings
+    ///
+    /// The same options give the same bytes. Its figures say nothing about people.
+    Generate(generate::GenerateArgs),
     /// Make every picture of README and docs again
     ///
     /// Runs the demo for its pictures; pictures of recordings need --recordings, the folder of the data sets.
@@ -120,9 +132,10 @@ pub(crate) struct LabArgs {
     #[arg(long, value_name = "M", default_value_t = 0.03, value_parser = crate::values::positive)]
     height: f64,
 
-    /// Folder for the pictures
-    #[arg(long, value_name = "DIR", default_value = "foretrace-lab")]
-    out: PathBuf,
+    /// Folder for the pictures and run.json, which tells how to repeat the run [default: a new one,
+    /// foretrace-lab/COMMAND-SET-DATE]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
 
     #[command(flatten)]
     settings: SettingsArgs,
@@ -137,8 +150,8 @@ pub(crate) fn run(command: &LabCommand) -> Result<(), Failure> {
         ends_at_once()?;
     }
     match command {
-        LabCommand::Fig2(args) => Experiment::prepare(&args.lab)?.fig2(args),
-        LabCommand::Fig3(args) => Experiment::prepare(&args.lab)?.fig3(args),
+        LabCommand::Fig2(args) => Experiment::prepare("fig2", &args.lab)?.fig2(args),
+        LabCommand::Fig3(args) => Experiment::prepare("fig3", &args.lab)?.fig3(args),
         LabCommand::ClosedLoop(args) => closed_loop::run(args),
         LabCommand::Law(args) => law::run(args),
         LabCommand::Table1(args) => table1::run(args),
@@ -147,6 +160,8 @@ pub(crate) fn run(command: &LabCommand) -> Result<(), Failure> {
         LabCommand::Merge(args) => merge::run(args),
         LabCommand::Train(args) => train::run(args),
         LabCommand::Inputs(args) => inputs::run(args),
+        LabCommand::Fetch(args) => fetch::run(args),
+        LabCommand::Generate(args) => generate::run(args),
         LabCommand::Pictures(args) => pictures::run(args),
     }
 }
@@ -198,11 +213,12 @@ struct Experiment {
     letters: Vec<Letter>,
     /// Name of the set and what was chosen from it.
     title: String,
+    run: lab_run::LabRun,
 }
 
 impl Experiment {
-    fn prepare(args: &LabArgs) -> Result<Self, Failure> {
-        args.json.claim_beside(&args.out)?;
+    fn prepare(command: &str, args: &LabArgs) -> Result<Self, Failure> {
+        let run = lab_run::LabRun::begin(command, &[&args.data], args.out.as_deref(), &args.json)?;
         let config = args.settings.load()?;
         let wrong = |error: &dyn std::fmt::Display| {
             Failure::bad_input(error, "give a data-set folder (--data) and a label in it (--label)")
@@ -231,7 +247,7 @@ impl Experiment {
             part => format!("{} letters {:?} of {}, {part} part", letters.len(), args.label, set.name),
         };
         note!("lab: {title}");
-        Ok(Self { config, letters, title })
+        Ok(Self { config, letters, title, run })
     }
 }
 

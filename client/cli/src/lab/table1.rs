@@ -1,6 +1,6 @@
 //! `foretrace lab table1`: the paper's Table 1 with further columns, and its analysis by symbol.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use foretrace_lab::prediction::table as tables;
 use foretrace_lab::prediction::{
@@ -9,6 +9,7 @@ use foretrace_lab::prediction::{
 use foretrace_sim::data::Split;
 use serde_json::json;
 
+use super::lab_run::LabRun;
 use super::progress::StepProgress;
 use super::say_picture;
 use super::shards::ShardArgs;
@@ -60,9 +61,10 @@ pub(crate) struct Table1Args {
     #[arg(long)]
     train: bool,
 
-    /// Folder for the pictures
-    #[arg(long, value_name = "DIR", default_value = "foretrace-lab", conflicts_with = "shard")]
-    out: PathBuf,
+    /// Folder for the pictures and run.json, which tells how to repeat the run [default: a new one,
+    /// foretrace-lab/table1-SET-DATE]
+    #[arg(long, value_name = "DIR", conflicts_with = "shard")]
+    out: Option<PathBuf>,
 
     #[command(flatten)]
     shard: ShardArgs,
@@ -75,10 +77,7 @@ pub(crate) struct Table1Args {
 pub(super) const NAME: &str = "table1";
 
 pub(super) fn run(args: &Table1Args) -> Result<(), Failure> {
-    match args.shard.shard {
-        Some(_) => args.json.claim()?,
-        None => args.json.claim_beside(&args.out)?,
-    }
+    let lab_run = LabRun::begin(NAME, &[&args.data], args.out.as_deref(), &args.json)?;
     let names = names(args);
     let shipped: Vec<&str> =
         names.iter().map(String::as_str).filter(|name| cells_to_train(args, name).is_none()).collect();
@@ -101,7 +100,7 @@ pub(super) fn run(args: &Table1Args) -> Result<(), Failure> {
     if let Some(shard) = args.shard.shard {
         return table::write_shard(&args.json, NAME, shard, &models, &set, args.by_label);
     }
-    show(&set, &table::scored(&models, &set)?, args.by_label, &args.out, &args.json)
+    show(&set, &table::scored(&models, &set)?, args.by_label, &lab_run, &args.json)
 }
 
 /// The result, with pictures in `out`.
@@ -109,7 +108,7 @@ pub(super) fn show(
     set: &Set,
     scored: &Scored,
     by_label: bool,
-    out: &Path,
+    lab_run: &LabRun,
     to: &JsonArgs,
 ) -> Result<(), Failure> {
     say_lines(tables::lines(set, scored));
@@ -120,12 +119,14 @@ pub(super) fn show(
         json["by_label"] = json!({ "labels": symbols.rows, "correlations": symbols.correlations });
     }
     say!("{FOOTER}");
-    let file = tables::draw(out, "table1.svg", "Table 1: predicting the pen", set, &scored.rows)?;
+    let out = lab_run.folder()?;
+    let file = tables::draw(&out, "table1.svg", "Table 1: predicting the pen", set, &scored.rows)?;
     say!("");
     say_picture(&file);
-    if let Some(file) = symbols.map(|symbols| symbols.draw(out, set)).transpose()?.flatten() {
+    if let Some(file) = symbols.map(|symbols| symbols.draw(&out, set)).transpose()?.flatten() {
         say_picture(&file);
     }
+    lab_run.finish(None)?;
     to.write(&json)
 }
 

@@ -97,7 +97,7 @@ fn whole_shards() -> [Vec<u8>; 3] {
     let run = TableRun { set: of_set.clone(), models: names.clone(), networks: own, by_label: true };
     let table = table_part(&set, &owned, &runs(&models, &set, &owned, &|| ()).unwrap());
     let entrants: Vec<Entrant> = models.into_iter().map(Entrant::Model).collect();
-    let leads = LeadRun { sets: vec![of_set], models: names, networks: brought(&entrants) };
+    let leads = LeadRun { sets: vec![of_set], models: names, networks: brought(&entrants), each: true };
     let (sets, owned) = ([set], [owned]);
     let predicted = predict_all(&entrants, &sets, &owned, &|| ()).unwrap();
     let config = config();

@@ -1,0 +1,146 @@
+//! The published sets that the results are about: where from, on what terms, what to take.
+
+use super::SplitRule;
+
+/// A set that its authors published.
+#[derive(Debug)]
+pub struct PublishedSet {
+    pub name: &'static str,
+    pub what: &'static str,
+    /// Where its authors have it.
+    pub source: &'static str,
+    pub licence: &'static str,
+    /// Lines for a shell, in the folder of the unpacked archive.
+    pub unpack: &'static [&'static str],
+    pub split: SplitRule,
+    /// The rule in words.
+    pub split_words: &'static str,
+    /// Writers of the whole published set.
+    pub writers: usize,
+    /// What the sums of the files do not cover.
+    pub unknown: Option<&'static str>,
+}
+
+const UNIPEN: &str =
+    "https://doi.org/10.5281/zenodo.1195803 (UNIPEN train_r01_v07, International Unipen Foundation)";
+const UNIPEN_LICENCE: &str = "CC BY 4.0 there; a notice of 1999 inside allows research, and forbids to distribute \
+                              the data for commercial purposes; cite Guyon et al., ICPR 1994, pp. 29-33";
+
+const SETS: [PublishedSet; 4] = [
+    PublishedSet {
+        name: "unipen-ced",
+        what: "characters on a pen display, by 35 of 43 writers: the fastest pens, many leaps",
+        source: UNIPEN,
+        licence: UNIPEN_LICENCE,
+        unpack: &[
+            "mkdir -p unipen-ced/data/2 unipen-ced/include",
+            "cp -r train_r01_v07/data/2/ced unipen-ced/data/2/",
+            "cp -r train_r01_v07/include/ced unipen-ced/include/",
+        ],
+        split: SplitRule::ByWriter {
+            words: &[Some("train"), Some("test"), Some("train"), Some("test"), None],
+        },
+        split_words: "writers sorted by id, index modulo 5 is 0 or 2: train; 1 or 3: test; 4: not used",
+        writers: 43,
+        unknown: Some(
+            "the ink in include/ced/data: the copy that was measured has the writers' names blanked there",
+        ),
+    },
+    PublishedSet {
+        name: "unipen-tos",
+        what: "characters on many coarse tablets, with hover, by 57 writers",
+        source: UNIPEN,
+        licence: UNIPEN_LICENCE,
+        unpack: &[
+            "mkdir -p unipen-tos/data/2 unipen-tos/include",
+            "cp -r train_r01_v07/data/2/tos unipen-tos/data/2/",
+            "cp -r train_r01_v07/include/tos unipen-tos/include/",
+        ],
+        split: SplitRule::EVEN_AND_ODD,
+        split_words: "writers sorted by id, even index: train; odd: test",
+        writers: 57,
+        unknown: Some(
+            "the headers include/tos/*.doc: in 20 of them the copy that was measured has a quote escaped",
+        ),
+    },
+    PublishedSet {
+        name: "pendigits-orig",
+        what: "digits, pen down only, by 44 writers",
+        source: "https://doi.org/10.24432/C5MG6K (UCI data set 81, E. Alpaydin and F. Alimoglu)",
+        licence: "CC BY 4.0",
+        unpack: &[
+            "mkdir -p pendigits-orig",
+            "gunzip pendigits-orig.tra.Z pendigits-orig.tes.Z    # where they are compressed",
+            "mv pendigits-orig.tra pendigits-orig.tes pendigits-orig/",
+        ],
+        split: SplitRule::ByFile,
+        split_words: "the set's own: .tra is train, .tes is test",
+        writers: 44,
+        unknown: None,
+    },
+    PublishedSet {
+        name: "character-trajectories",
+        what: "letters without pen lift on a clean tablet of 200 Hz, by one writer",
+        source: "https://doi.org/10.24432/C58G7V (UCI data set 175, B. H. Williams)",
+        licence: "CC BY 4.0; cite Williams, Toussaint and Storkey, ICANN 2006",
+        unpack: &[
+            "mkdir -p character-trajectories",
+            "mv trajectories_train.mat trajectories_xtest.mat character-trajectories/",
+        ],
+        split: SplitRule::ByFile,
+        split_words: "by file: trajectories_train.mat is train, trajectories_xtest.mat is test",
+        writers: 1,
+        unknown: Some(
+            "the published mixoutALL_shifted.mat, which has no parts: measured was a copy in two halves \
+             (github.com/ShuningZhao/Character-Trajectories)",
+        ),
+    },
+];
+
+/// Set, file and SHA-256 of the copies that the results were measured with.
+const SUMS: &str = include_str!("published.tsv");
+
+impl PublishedSet {
+    #[must_use]
+    pub const fn all() -> &'static [Self] {
+        &SETS
+    }
+
+    #[must_use]
+    pub fn named(name: &str) -> Option<&'static Self> {
+        SETS.iter().find(|set| set.name == name)
+    }
+
+    /// Files with a known sum: path below the set's folder, SHA-256.
+    pub fn sums(&self) -> impl Iterator<Item = (&'static str, &'static str)> {
+        let rows = SUMS.lines().skip(1).filter_map(|line| {
+            let (set, rest) = line.split_once('\t')?;
+            Some((set, rest.split_once('\t')?))
+        });
+        rows.filter(|(set, _)| *set == self.name).map(|(_, row)| row)
+    }
+
+    /// Whether a known file is a recording by itself, not ink that one includes.
+    pub(super) fn is_recording(file: &str) -> bool {
+        !file.starts_with("include/")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_row_of_the_sums_is_a_set_a_path_below_it_and_a_sum() {
+        let mut count = 0;
+        for set in PublishedSet::all() {
+            for (file, sum) in set.sums() {
+                count += 1;
+                assert!(!file.starts_with('/') && !file.contains(".."), "{file}");
+                assert!(sum.len() == 64 && sum.bytes().all(|b| b.is_ascii_hexdigit()), "{file}: {sum}");
+            }
+            assert!(set.sums().count() > 0, "{}", set.name);
+        }
+        assert_eq!(count, SUMS.lines().count() - 1);
+    }
+}
