@@ -11,8 +11,8 @@ use std::process::Command;
 use crate::snippets::{blocks_of, documents};
 
 /// What a line may begin with besides cargo, python3 and scripts of the repository.
-const PROGRAMS: [&str; 10] =
-    ["foretrace", "sudo", "cyclictest", "xacro", "mdbook", "docker", "nice", "ssh", "adb", "pip"];
+const PROGRAMS: [&str; 11] =
+    ["foretrace", "sudo", "mkdir", "cyclictest", "xacro", "mdbook", "docker", "nice", "ssh", "adb", "pip"];
 
 /// The crates of the workspace: their folder, and their targets by kind.
 fn packages() -> BTreeMap<String, (PathBuf, BTreeSet<(String, String)>)> {
