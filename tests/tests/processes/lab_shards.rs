@@ -91,8 +91,9 @@ fn result(world: &World, command: &[&str], out: &str) -> (String, String, Vec<(P
     let mut pictures: Vec<_> = std::fs::read_dir(&folder)
         .map(|files| files.map(|file| file.unwrap().path()).collect())
         .unwrap_or_default();
-    // Single letters are drawn from the recordings.
-    pictures.retain(|file: &PathBuf| !file.display().to_string().contains("letters"));
+    // Single letters are drawn from the recordings; run.json is of its run.
+    let is_picture = |file: &PathBuf| file.extension().is_some_and(|ending| ending == "svg");
+    pictures.retain(|file| is_picture(file) && !file.display().to_string().contains("letters"));
     pictures.sort();
     let drawn = |file: PathBuf| {
         let text = std::fs::read_to_string(&file).unwrap();
