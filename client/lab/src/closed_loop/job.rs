@@ -252,8 +252,8 @@ impl Benchmark<'_> {
         let Some(command) = command_of(job.rival.name()) else { return Ok(None) };
         let Hand { file, writer, .. } = job.hand;
         let hand = if writer.is_empty() { file.clone() } else { format!("{file}, {writer}") };
-        let started = OtherPredictor::start(command, step_ns, hand, PATIENCE);
-        let wrong = |error| BenchError::Settings(format!("{}: {error}", job.rival.name()));
+        let started = OtherPredictor::start(command, step_ns, hand.clone(), PATIENCE);
+        let wrong = |error| BenchError::Settings(format!("{hand}, {}: {error}", job.rival.name()));
         started.map(Some).map_err(wrong)
     }
 }
