@@ -161,7 +161,7 @@ fn in_closed_loop_a_program_that_predicts_nothing_costs_nothing() {
 fn in_closed_loop_a_better_program_is_used_whatever_the_order_the_cores_and_the_speed() {
     let config = Draft::preset("ur5e").set("predictor.external.fallback", "hold").finish().unwrap();
     let hands = || {
-        ["a8", "KO", "e"].map(|letters| {
+        ["a8KO", "KOa8", "e8"].map(|letters| {
             hand(BenchArm::Ur5, &config, &letters.split("").filter(|l| !l.is_empty()).collect::<Vec<_>>())
         })
     };

@@ -4,11 +4,10 @@ use serde::Serialize;
 
 use super::super::registry::{Model, RegistryError};
 use super::super::{Set, glyph_height};
-use super::LEADS_MS;
 use super::each::CharacterName;
 use super::file::{PredictionError, Predictions};
 use super::predicted::{Predicted, predict};
-use super::tally::{LeadRow, LeadSums};
+use super::tally::{LeadRow, SequenceSums};
 use super::targets::Targets;
 use super::writers::{REPLICATES, WriterBootstrap, interval};
 use crate::parallel;
@@ -60,9 +59,9 @@ pub struct Lane {
     /// Notes for the reader.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub note: Option<String>,
-    /// Sums of each sequence by look-ahead time.
+    /// Sums of each sequence with targets by look-ahead time.
     #[serde(skip)]
-    pub sequences: Vec<[LeadSums; LEADS_MS.len()]>,
+    pub sequences: Vec<SequenceSums>,
 }
 
 /// All entrants on one set.

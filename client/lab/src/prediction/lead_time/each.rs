@@ -53,8 +53,8 @@ impl Board {
     /// Every model on every sequence with targets, model after model.
     pub fn each(&self) -> impl Iterator<Item = EachCharacter<'_>> {
         self.models.iter().flat_map(move |lane| {
-            let scored = self.characters.iter().zip(&lane.sequences);
-            let scored = scored.filter(|(_, leads)| leads.iter().any(|sums| sums.square.count > 0));
+            let name = |sequence: &usize| self.characters.get(*sequence);
+            let scored = lane.sequences.iter().filter_map(move |(of, leads)| Some((name(of)?, leads)));
             scored.map(move |(name, leads)| {
                 let mean = |of: fn(&LeadSums) -> &Mean| leads.each_ref().map(|sums| of(sums).get());
                 EachCharacter {

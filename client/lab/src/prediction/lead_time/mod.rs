@@ -25,7 +25,7 @@ pub use file::{BandedPosition, PredictionError, Predictions};
 pub use judged::JudgedTarget;
 pub use predicted::{LeadAnswers, Predicted};
 pub use shown::{draw, standing_lines};
-pub use tally::{LaneTally, LeadRow, LeadSums, LeadTally, TargetSpread};
+pub use tally::{LaneTally, LeadRow, LeadSums, LeadTally, SequenceSums, TargetSpread};
 pub use targets::{Instant, Targets, Truth, export};
 pub use writers::{REPLICATES, WriterBootstrap};
 

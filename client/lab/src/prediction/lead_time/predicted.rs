@@ -65,7 +65,7 @@ impl Predicted {
         let scale = set.mm_per_unit().unwrap_or([1.0; 2]);
         let tally = match &self.answers {
             LeadAnswers::Here(displacements) => with_bands(displacements, set, targets, scale),
-            LeadAnswers::Elsewhere(answers) => judge(answers, set, targets, scale),
+            LeadAnswers::Elsewhere(answers) => judge(answers, targets, scale),
         };
         let glyph_height = height(set);
         let rows = tally.leads.iter().enumerate().map(|(lead, tally)| tally.row(lead, glyph_height));
@@ -111,7 +111,7 @@ fn walk(
 
 /// Scores displacements that stand in the order of the targets, with bands that learn from them.
 fn with_bands(displacements: &[[f64; 2]], set: &Set, targets: &Targets, unit: [f64; 2]) -> LaneTally {
-    let mut tally = LaneTally::new(set.scored.len(), unit);
+    let mut tally = LaneTally::new(unit);
     let mut displacements = displacements.iter();
     let mut instants = targets.instants.iter().peekable();
     let mut bands = Bands::untried(|lead| targets.steps_ahead(0, lead));
@@ -139,8 +139,8 @@ fn with_bands(displacements: &[[f64; 2]], set: &Set, targets: &Targets, unit: [f
 }
 
 /// Scores answers that stand in the order of the targets.
-fn judge(answers: &[BandedPosition], set: &Set, targets: &Targets, unit: [f64; 2]) -> LaneTally {
-    let mut tally = LaneTally::new(set.scored.len(), unit);
+fn judge(answers: &[BandedPosition], targets: &Targets, unit: [f64; 2]) -> LaneTally {
+    let mut tally = LaneTally::new(unit);
     let mut answers = answers.iter();
     for instant in &targets.instants {
         let newest = targets.points(instant.sequence).get(instant.point).copied().unwrap_or_default();

@@ -85,24 +85,26 @@ pub struct LeadSums {
     pub jitter: Mean,
 }
 
+/// A sequence by its number, and its sums by look-ahead time.
+pub type SequenceSums = (usize, [LeadSums; LEADS_MS.len()]);
+
 /// Every target of a set, as one model predicted it.
 #[derive(Debug, Clone)]
 pub struct LaneTally {
     /// By look-ahead time, over all sequences.
     pub leads: [LeadTally; LEADS_MS.len()],
-    /// By sequence, then by look-ahead time.
-    pub sequences: Vec<[LeadSums; LEADS_MS.len()]>,
+    /// By look-ahead time, of each sequence with targets.
+    pub sequences: Vec<SequenceSums>,
     /// The newest instant with a target at each look-ahead time, and the offset there.
     before: [Option<(Instant, [f64; 2])>; LEADS_MS.len()],
     unit: [f64; 2],
 }
 
 impl LaneTally {
-    /// Nothing yet, of so many sequences; `unit`: board units per raw unit along x and y.
+    /// Nothing yet; `unit`: board units per raw unit along x and y.
     #[must_use]
-    pub fn new(sequences: usize, unit: [f64; 2]) -> Self {
-        let sequences = vec![Default::default(); sequences];
-        Self { leads: Default::default(), sequences, before: [None; LEADS_MS.len()], unit }
+    pub fn new(unit: [f64; 2]) -> Self {
+        Self { leads: Default::default(), sequences: Vec::new(), before: [None; LEADS_MS.len()], unit }
     }
 
     /// Scores one prediction of the displacement since the newest point \[raw units\], instants in their
@@ -126,7 +128,11 @@ impl LaneTally {
                 tally.push_bands(raw[0].hypot(raw[1]), radii, self.unit[0]);
             }
         }
-        if let Some(sums) = self.sequences.get_mut(instant.sequence).and_then(|leads| leads.get_mut(lead)) {
+        // A sequence without targets costs nothing, however many a file claims.
+        if self.sequences.last().is_none_or(|(sequence, _)| *sequence != instant.sequence) {
+            self.sequences.push((instant.sequence, Default::default()));
+        }
+        if let Some(sums) = self.sequences.last_mut().and_then(|(_, leads)| leads.get_mut(lead)) {
             sums.push(&judged);
         }
     }
@@ -241,7 +247,7 @@ mod tests {
         unit: [f64; 2],
         lead: usize,
     ) -> LaneTally {
-        let mut lane = LaneTally::new(1, unit);
+        let mut lane = LaneTally::new(unit);
         let instant = Instant { sequence: 0, point: 2, leads: 1 << lead };
         lane.push(&Targets::of(&[]), (instant, lead), predicted, truth, radii);
         lane
@@ -265,7 +271,7 @@ mod tests {
         assert_eq!(row.jitter, TargetSpread::default());
         // Bands are circles in raw units: the error is 40.1 long.
         assert_eq!((row.coverage_50, row.coverage_90), (Some(0.0), Some(100.0)));
-        let sums = lane.sequences[0][1];
+        let sums = lane.sequences[0].1[1];
         assert_eq!((sums.square.count, sums.lateness.count, sums.jitter.count), (1, 1, 0));
         assert!((sums.square.sum - 25.0).abs() < 1e-9 && (sums.lateness.sum - 3.0).abs() < 1e-9);
     }

@@ -242,7 +242,7 @@ fn jitter_is_within_a_stroke_and_from_instant_to_instant() {
     // Instants at 2, 4 … 28 and 32, 34 … 58: 28 targets 10 ms ahead, of which two are the first of a stroke.
     let each: Vec<_> = boards[0].each().collect();
     assert_eq!((each.len(), each[0].targets[0]), (1, 28));
-    let tally = boards[0].models[0].sequences[0][0];
+    let tally = boards[0].models[0].sequences[0].1[0];
     assert_eq!((tally.square.count, tally.jitter.count), (28, 26));
 }
 

@@ -10,7 +10,7 @@ use rand_pcg::Pcg64;
 use super::super::score::Mean;
 use super::super::{CharacterSequence, Set};
 use super::LEADS_MS;
-use super::tally::LeadSums;
+use super::tally::SequenceSums;
 
 /// Replicates of a bootstrap.
 pub const REPLICATES: usize = 2000;
@@ -56,11 +56,15 @@ impl WriterBootstrap {
     }
 
     /// RMS errors by look-ahead time of every replicate, from the sums of each sequence; `None` with one
-    /// writer. NaN where a replicate has no targets.
-    pub(super) fn rms(&self, sequences: &[[LeadSums; LEADS_MS.len()]]) -> Option<Vec<[f64; LEADS_MS.len()]>> {
+    /// writer, or without targets. NaN where a replicate has no targets.
+    pub(super) fn rms(&self, sequences: &[SequenceSums]) -> Option<Vec<[f64; LEADS_MS.len()]>> {
+        if self.writers < 2 || sequences.is_empty() {
+            return None;
+        }
         let mut of_writers = vec![Squares::default(); self.writers];
-        for (sums, writer) in sequences.iter().zip(&self.writer_of) {
-            for (mean, sums) in of_writers.get_mut(*writer)?.iter_mut().zip(sums) {
+        for (sequence, sums) in sequences {
+            let writer = *self.writer_of.get(*sequence)?;
+            for (mean, sums) in of_writers.get_mut(writer)?.iter_mut().zip(sums) {
                 mean.merge(&sums.square);
             }
         }
@@ -74,7 +78,7 @@ impl WriterBootstrap {
             }
             pooled.map(|mean| mean.get().map_or(f64::NAN, f64::sqrt))
         };
-        (self.writers > 1).then(|| self.draws.chunks(self.writers).map(replicate).collect())
+        Some(self.draws.chunks(self.writers).map(replicate).collect())
     }
 }
 
@@ -102,6 +106,7 @@ pub(super) fn interval(replicates: impl IntoIterator<Item = f64>) -> Option<[f64
 
 #[cfg(test)]
 mod tests {
+    use super::super::tally::LeadSums;
     use super::*;
 
     fn sequence(file: &str, writer: &str) -> CharacterSequence {
@@ -150,7 +155,7 @@ mod tests {
     #[test]
     fn one_writer_has_no_interval() {
         let set = set("pens", vec![sequence("a", "Ada"), sequence("b", "Ada")]);
-        assert_eq!(WriterBootstrap::of(&set).rms(&[sums(4.0, 1), sums(9.0, 1)]), None);
+        assert_eq!(WriterBootstrap::of(&set).rms(&[(0, sums(4.0, 1)), (1, sums(9.0, 1))]), None);
     }
 
     #[test]
@@ -160,14 +165,14 @@ mod tests {
         let bootstrap = WriterBootstrap::of(&set("pens", scored));
         assert!(bootstrap.draws.chunks(40).all(|draws| draws.iter().sum::<u32>() == 40));
         // Squared errors 1 and 3 in equal shares: the mean is 2, its deviation 1 / √40.
-        let each: Vec<_> = (0..count).map(|i| sums(f64::from(10 + 20 * (i % 2)), 10)).collect();
+        let each: Vec<_> = (0..count).map(|i| (i as usize, sums(f64::from(10 + 20 * (i % 2)), 10))).collect();
         let rms = bootstrap.rms(&each).unwrap();
         assert_eq!(rms.len(), REPLICATES);
         let [low, high] = interval(rms.iter().map(|leads| leads[7] * leads[7])).unwrap();
         let wide = 1.96 / 40_f64.sqrt();
         assert!((low - (2.0 - wide)).abs() < 0.06 && (high - (2.0 + wide)).abs() < 0.06, "{low} {high}");
         // Writers who all err alike leave no doubt; the same set has the same draws, another one others.
-        let alike: Vec<_> = each.iter().map(|_| sums(20.0, 10)).collect();
+        let alike: Vec<_> = each.iter().map(|(i, _)| (*i, sums(20.0, 10))).collect();
         let rms = bootstrap.rms(&alike).unwrap();
         assert!(rms.iter().flatten().all(|rms| (rms - 2_f64.sqrt()).abs() < 1e-12));
         assert_eq!(drawn("pens", 40), bootstrap.draws);
