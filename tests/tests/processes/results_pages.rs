@@ -17,7 +17,7 @@ fn commands() -> Vec<Vec<String>> {
     for (_, block) in pages {
         for line in block.replace("\\\n", " ").lines() {
             let line = line.split(" #").next().unwrap_or_default();
-            let words: Vec<String> = line.split_whitespace().map(str::to_owned).collect();
+            let words = shell_words(line);
             let downloads = words.iter().any(|word| word == "fetch");
             if words.starts_with(&["foretrace".to_owned(), "lab".to_owned()]) && !downloads {
                 found.push(words[1..].to_vec());
@@ -25,6 +25,29 @@ fn commands() -> Vec<Vec<String>> {
         }
     }
     found
+}
+
+/// Words of a line, in which single quotes hold spaces.
+fn shell_words(line: &str) -> Vec<String> {
+    let (mut words, mut quoted) = (Vec::new(), false);
+    let mut word = String::new();
+    for c in line.chars().chain([' ']) {
+        match c {
+            '\'' => quoted = !quoted,
+            c if c.is_whitespace() && !quoted => {
+                if !word.is_empty() {
+                    words.push(std::mem::take(&mut word));
+                }
+            }
+            c => word.push(c),
+        }
+    }
+    words
+}
+
+/// Models without those of other programs, which need numpy and weights.
+fn built_in(models: &str) -> String {
+    models.split(',').filter(|model| !model.starts_with("external:")).collect::<Vec<_>>().join(",")
 }
 
 /// The same with placeholders filled in, and with as little work as each command allows.
@@ -46,6 +69,7 @@ fn small(mut words: Vec<String>) -> Vec<String> {
     let filled = |word: String| match word.as_str() {
         "DIR" => ".".to_owned(),
         "FILE" => "result.json".to_owned(),
+        models if models.contains("external:") => built_in(models),
         _ => word,
     };
     words.into_iter().map(filled).collect()

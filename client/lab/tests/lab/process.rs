@@ -161,14 +161,15 @@ fn in_closed_loop_a_program_that_predicts_nothing_costs_nothing() {
 fn in_closed_loop_a_better_program_is_used_whatever_the_order_the_cores_and_the_speed() {
     let config = Draft::preset("ur5e").set("predictor.external.fallback", "hold").finish().unwrap();
     let hands = || {
-        ["a8KO", "KOa8", "e8"].map(|letters| {
+        ["a8", "KO", "e"].map(|letters| {
             hand(BenchArm::Ur5, &config, &letters.split("").filter(|l| !l.is_empty()).collect::<Vec<_>>())
         })
     };
     let (_fast, name) = program(CONSTANT_VELOCITY);
     let (_slow, slow) = program(&format!("{CONSTANT_VELOCITY}\n        import time; time.sleep(0.004)"));
     let (_silent, silent) = program("positions = None");
-    let together = scores(&config, &[&name, &slow, &silent], hands().to_vec());
+    let rivals = [&name, &slow, &silent, "constant-velocity"];
+    let together = scores(&config, &rivals, hands().to_vec());
     assert_eq!(written(&together[0]), written(&together[1]));
     // Each hand by itself, one core at work, the last hand first.
     let mut alone: Vec<_> =
@@ -177,8 +178,9 @@ fn in_closed_loop_a_better_program_is_used_whatever_the_order_the_cores_and_the_
     let alone: Vec<_> = alone.into_iter().flat_map(|outcome| outcome.scores).collect();
     assert_eq!(written(&together[0]), format!("{alone:?}"));
     let rows = MethodOutcome::table(&together);
-    // Where nothing stands beside it, constant velocity earns its part.
-    assert!(rows[0].mse_m2 < 0.9 * rows[2].mse_m2, "{} {}", rows[0].mse_m2, rows[2].mse_m2);
+    // Where nothing stands beside it, constant velocity earns its part, and most of what it has built in.
+    let gain = |row: usize| 1.0 - rows[row].mse_m2 / rows[2].mse_m2;
+    assert!(gain(0) > 0.05 && gain(0) > 0.5 * gain(3), "{} of {}", gain(0), gain(3));
 }
 
 #[test]
@@ -199,5 +201,8 @@ fn in_closed_loop_a_program_that_fails_ends_the_benchmark_with_what_and_where() 
     assert!(text.contains("a8.dat") && text.contains(&format!("{name} on ur5: at step ")), "{text}");
     assert!(text.contains("3 positions, wanted are "), "{text}");
     let text = refused("external:exit 9");
-    assert!(text.starts_with("external:exit 9: in answer to the greeting: it ended"), "{text}");
+    assert!(
+        text.contains("a8.dat") && text.contains("external:exit 9: in answer to the greeting: it"),
+        "{text}"
+    );
 }
