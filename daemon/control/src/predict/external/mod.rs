@@ -5,7 +5,7 @@
 //!
 //! p = p_fallback + w · (p_external − p_fallback),
 //!
-//! where the difference is at most [`DOUBT`] times the recent error of the fallback at its lead: what another
+//! where the difference is at most `DOUBT` times the recent error of the fallback at its lead: what another
 //! process says is bounded by what the fallback may be wrong by. A hand that the fallback foresees leaves a
 //! lie no room, one that nothing foresees leaves the truth enough. w rises and falls by a fixed amount per
 //! grid step, so that neither a loss nor a return moves the reference at once. It rises only while previews
