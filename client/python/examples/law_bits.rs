@@ -240,7 +240,7 @@ fn decided(output: &StepOutput<6>) -> Said {
         said.bits([dx * step.scale_m, dy * step.scale_m, step.scale_m, step.limit * step.scale_m]);
     }
     if let Some(external) = &output.external {
-        said.bits([external.weight, external.evidence]).word(external.steps).word(external.hits);
+        said.bits([external.weight, external.evidence]);
         said.word(external.age.map_or(-1, i64::from));
         said.word(external.verdict.map_or(-1, |verdict| verdict.map_or_else(|why| why as i64 + 1, |()| 0)));
     }

@@ -66,7 +66,7 @@ def decided(step):
         said += bits([closed.dx_m, closed.dy_m, closed.scale_m, closed.longest_m])
     if step.external is not None:
         told = step.external
-        said += bits([told["weight"], told["evidence"]]) + [str(told["steps"]), str(told["hits"])]
+        said += bits([told["weight"], told["evidence"]])
         said += [str(-1 if told["age"] is None else told["age"])]
         said += [str(-1 if told["verdict"] is None else VERDICTS.index(told["verdict"]))]
     return said

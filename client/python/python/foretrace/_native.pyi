@@ -204,8 +204,7 @@ class Step:
     external: dict[str, Any] | None
     """While predictor `external` is chosen: weight (its part in the preview, 0 to 1), evidence (-10 to 10; used
     from 5 on, until it falls below 0), age (grid steps since the base of its newest preview, or None), verdict
-    (of the preview of this tick: `taken`, or why not; None: there was none), steps, hits (steps so far, and
-    those with a preview in time)."""
+    (of the preview of this tick: `taken`, or why not; None: there was none)."""
     pen_steps: list[PenStep]
     """Steps of the pen's grid that closed in this tick: what predictors observe."""
     preview_steps: int

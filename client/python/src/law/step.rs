@@ -201,8 +201,6 @@ impl LawStep {
             "evidence" => report.evidence,
             "age" => report.age,
             "verdict" => verdict,
-            "steps" => report.steps,
-            "hits" => report.hits,
         )))
     }
 
