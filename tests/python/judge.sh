@@ -75,7 +75,7 @@ judge() { # NAME PYTHON PACKAGES... -- TESTS...
   echo "python: $name: $("$venv/bin/python" --version)"
   # Away from the sources: only what is installed is found.
   local verdict=0
-  (cd "$here" && "$venv/bin/python" -m unittest -v "$@") >"$scratch/$name.tests" 2>&1 || verdict=$?
+  (cd "$here" && "$venv/bin/python" -m unittest "$@" -v) >"$scratch/$name.tests" 2>&1 || verdict=$?
   # A test that one environment leaves out may run in another: who ran in none is named at the end.
   awk -v ran="$scratch/ran" -v left="$scratch/left-out" '
     /^test_[a-z0-9_]+ \(/ { name = $1 }

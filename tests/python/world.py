@@ -19,6 +19,8 @@ PROGRAM = os.environ.get("FORETRACE", str(ROOT / "target/debug/foretrace"))
 HOME = [3.1416, -1.3, 1.8, -2.0708, -1.5708, 0.0]
 #: A machine with two busy cores starves programs without rights for longer than the preset's 50 ms.
 PATIENT = ["--set", "safety.joint_state_timeout_ms=500"]
+# A script in the background has its children ignore Ctrl-C; those of the tests obey it.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def until(what, condition, timeout=20.0):

@@ -16,6 +16,9 @@ from unittest import mock
 import foretrace
 from support import Scratch, kept, mcap, needs_numpy, numpy, recording, run
 
+# A script in the background has its children ignore Ctrl-C; those of the tests obey it.
+signal.signal(signal.SIGINT, signal.default_int_handler)
+
 
 class Read(Scratch):
     def exported(self, topic, *options):
