@@ -72,7 +72,7 @@ class Predictors(World):
             with self.refuses(foretrace.Invalid, "radii"):
                 predictor.send(5, [(0.0, 0.0)] * 40, [0.001])
             for number in (math.nan, math.inf):
-                with self.refuses(foretrace.Invalid, "position or radius 2"):
+                with self.refuses(foretrace.Invalid, "y 2 of the preview"):
                     predictor.send(5, [(0.0, 0.0), (0.0, 0.0), (0.0, number)])
             with self.refuses(foretrace.Invalid, "pairs of numbers"):
                 predictor.send(5, [1.0, 2.0])
