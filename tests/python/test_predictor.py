@@ -89,6 +89,9 @@ class Predictors(World):
             predictor.send(step.index + 1000, [(0.0, 0.0)] * 64)
             until("ahead is counted", lambda: refused(ft, PreviewRefusal.AHEAD) == 1)
             step = until("a step", predictor.next)
+            # The newest: an older one is late first.
+            while newer := predictor.next(timeout=0.0):
+                step = newer
             predictor.send(step, [(0.0, 0.0)] * 2)
             until("too few is counted", lambda: refused(ft, PreviewRefusal.MALFORMED) == 1)
             time.sleep(0.2)
