@@ -2,11 +2,15 @@
 //! record, shares and corrections, and what both come to is blended last.
 //!
 //! Contract: with no part in the preview the process changes nothing of what the fallback comes to, neither
-//! before it has earned one nor after it has lost it. Fixed size, no allocation after construction, total.
+//! before it has earned one nor after it has lost it. The process's record judges a step one tick after it
+//! closed, so that no tick learns from it twice, and only what is followed is drawn: the longest ticks are as
+//! long as with the fallback alone. Fixed size, no allocation after construction, total.
 
+use super::preview::Noted;
 use super::record::Worth;
+use super::refine::Refinement;
 use super::{Estimate, LEADS, PreviewSource, RefinedPreview};
-use crate::pen::PenReading;
+use crate::pen::{Motion, PenReading};
 use crate::predict::{LearnStep, Previewer};
 use crate::state::state;
 
@@ -24,10 +28,27 @@ pub(crate) struct Estimates {
     their_shares: [f64; LEADS],
     /// Part of the other process, if one is asked.
     part: Option<f64>,
+    /// Whether each of the two is followed, as of the newest sample.
+    followed: [bool; 2],
+    put_off: Option<PutOff>,
 }
 
+/// The step that closed last, until the process's record has judged it.
+#[derive(Debug, Clone, Copy)]
+struct PutOff {
+    motion: Motion,
+    position: [f64; 2],
+    scale_m: f64,
+    /// How the preview that was made of it was refined meanwhile.
+    refinement: Option<Refinement>,
+}
+
+state! { whole [] PutOff { motion, position, scale_m, refinement } }
+
 state! {
-    [] Estimates { own, own_preview, theirs, their_preview, own_shares, their_shares, part }
+    [] Estimates {
+        own, own_preview, theirs, their_preview, own_shares, their_shares, part, followed, put_off,
+    }
 }
 
 impl Estimates {
@@ -41,6 +62,8 @@ impl Estimates {
             own_shares: [0.0; LEADS],
             their_shares: [0.0; LEADS],
             part: None,
+            followed: [true, false],
+            put_off: None,
         }
     }
 
@@ -57,26 +80,40 @@ impl Estimates {
     ) -> Worth {
         self.part = previewer.part();
         let Some(part) = self.part else {
+            self.put_off = None;
             let worth = self.own.update(closed, source, preview, nearest, saturated);
             self.own_shares = worth.believed();
             return worth;
         };
-        let later = source == PreviewSource::LaterThisStep;
+        self.catch_up();
         if renewed {
             self.own_preview.refresh_by(previewer, steps, Previewer::preview_standing_in);
+            self.their_preview.refresh_by(previewer, steps, Previewer::preview_of_process);
         }
+        let later = source == PreviewSource::LaterThisStep;
         let own_source = if later { PreviewSource::Same } else { source };
         let own = self.own.update(closed, own_source, &self.own_preview, nearest, saturated);
         self.own_shares = own.believed();
-        let answered =
-            renewed && self.their_preview.refresh_by(previewer, steps, Previewer::preview_of_process);
-        let theirs = if answered {
-            self.theirs.update(closed, source, &self.their_preview, nearest, saturated)
-        } else {
-            self.theirs.judge(closed, nearest, saturated)
-        };
-        self.their_shares = theirs.believed();
-        if part >= 0.5 { theirs } else { own }
+        if source == PreviewSource::AnotherPredictor {
+            // What a past process was worth says nothing; how the pen moves is known.
+            self.theirs.clone_from(&self.own);
+            self.theirs.forget();
+        }
+        match closed {
+            [] if later && self.answered() => self.theirs.record.replace_preview(&self.their_preview.made()),
+            [] => {}
+            [LearnStep { motion, position, scale_m, .. }] => {
+                let (motion, position, scale_m) = (*motion, *position, *scale_m);
+                self.put_off = Some(PutOff { motion, position, scale_m, refinement: None });
+            }
+            // Ticks are late.
+            several => self.judge_theirs(several, None),
+        }
+        let theirs = (part > 0.0).then(|| self.theirs.worth(nearest, saturated));
+        if let Some(theirs) = &theirs {
+            self.their_shares = theirs.believed();
+        }
+        theirs.filter(|_| part >= 0.5).unwrap_or(own)
     }
 
     /// Corrects and shrinks the `preview` in force by the `newest` sample, each lead by its share where
@@ -88,14 +125,60 @@ impl Estimates {
         per_step: bool,
         governor: f64,
     ) {
+        let Some(newest) = newest else { return };
         let own_shares = per_step.then_some(&self.own_shares);
         let Some(part) = self.part else {
-            self.own.refine(preview, newest, own_shares, governor);
+            self.own.refine(preview, newest, own_shares, governor, true);
             return;
         };
-        self.own.refine(&mut self.own_preview, newest, own_shares, governor);
-        let their_shares = per_step.then_some(&self.their_shares);
-        self.theirs.refine(&mut self.their_preview, newest, their_shares, governor);
+        let part = if self.answered() { part } else { 0.0 };
+        let followed = [part < 1.0, part > 0.0];
+        if followed != self.followed {
+            self.followed = followed;
+            self.own_preview.refine_again();
+            self.their_preview.refine_again();
+        }
+        let [own_followed, theirs_followed] = followed;
+        self.own.refine(&mut self.own_preview, newest, own_shares, governor, own_followed);
+        self.theirs.refiner.observe_as(&self.own.refiner);
+        if let Some(noted) = self.their_preview.note(newest, &self.theirs.refiner, per_step) {
+            if theirs_followed {
+                let shares = per_step.then_some(&self.their_shares);
+                self.their_preview.draw(newest.position, &noted, &self.theirs.refiner, shares, governor);
+            }
+            match (noted, &mut self.put_off) {
+                (Noted::Within(refinement), Some(put_off)) => put_off.refinement = Some(refinement),
+                (Noted::Within(refinement), None) => {
+                    self.theirs.record.record_refinement(&self.theirs.refiner, &refinement);
+                }
+                _ => {}
+            }
+        }
         preview.blend(&self.own_preview, &self.their_preview, part);
+    }
+
+    /// The process has a preview from the step that closed last.
+    fn answered(&self) -> bool {
+        self.their_preview.base.is_some() && self.their_preview.base == self.own_preview.base
+    }
+
+    /// The process's record judges what was put off.
+    fn catch_up(&mut self) {
+        if let Some(PutOff { motion, position, scale_m, refinement }) = self.put_off.take() {
+            let step = LearnStep { motion, position, scale_m, ..LearnStep::default() };
+            self.judge_theirs(&[step], refinement.as_ref());
+        }
+    }
+
+    /// Judges past previews of the process by the steps that `closed`, and records the one that was made from
+    /// them, with its `refinement`.
+    fn judge_theirs(&mut self, closed: &[LearnStep], refinement: Option<&Refinement>) {
+        self.theirs.judge(closed);
+        if self.answered() {
+            self.theirs.record.record_preview(&self.their_preview.made());
+            if let Some(refinement) = refinement {
+                self.theirs.record.record_refinement(&self.theirs.refiner, refinement);
+            }
+        }
     }
 }

@@ -28,7 +28,9 @@ pub(crate) use beside::Estimates;
 pub use parameters::{LawParameters, Number};
 pub(crate) use preview::RefinedPreview;
 
-use record::{NewPreview, PreviewRecord, Worth};
+use preview::Noted;
+
+use record::{PreviewRecord, Worth};
 use refine::{RefinePrior, Refiner};
 
 /// Leads with a record, a share and a correction of their own \[steps\]; farther leads use the last one's.
@@ -95,38 +97,47 @@ impl Estimate {
         nearest: usize,
         saturated: f64,
     ) -> Worth {
-        self.record.judge(&mut self.refiner, closed);
+        self.judge(closed);
         if source == PreviewSource::AnotherPredictor {
-            self.record.forget();
-            self.refiner.forget();
+            self.forget();
         }
-        let made = NewPreview { base: preview.base_position(), path: preview.predicted() };
         if !closed.is_empty() {
-            self.record.record_preview(&made);
+            self.record.record_preview(&preview.made());
         } else if source == PreviewSource::LaterThisStep {
-            self.record.replace_preview(&made);
+            self.record.replace_preview(&preview.made());
         }
-        self.record.report(nearest, nearest + 1, saturated)
+        self.worth(nearest, saturated)
     }
 
-    /// Judges past previews by the grid steps that `closed`, where no new one was made.
-    pub(crate) fn judge(&mut self, closed: &[LearnStep], nearest: usize, saturated: f64) -> Worth {
+    fn forget(&mut self) {
+        self.record.forget();
+        self.refiner.forget();
+    }
+
+    fn judge(&mut self, closed: &[LearnStep]) {
         self.record.judge(&mut self.refiner, closed);
+    }
+
+    fn worth(&self, nearest: usize, saturated: f64) -> Worth {
         self.record.report(nearest, nearest + 1, saturated)
     }
 
     /// Corrects `preview` by the `newest` sample and shrinks it to the `shares` that past previews justify;
-    /// without shares it is used as it is.
-    pub(crate) fn refine(
+    /// without shares it is used as it is. Unless it is `followed`, only what is to be judged later is noted.
+    fn refine(
         &mut self,
         preview: &mut RefinedPreview,
-        newest: Option<&PenReading>,
+        newest: &PenReading,
         shares: Option<&[f64; LEADS]>,
         governor: f64,
+        followed: bool,
     ) {
-        let Some(newest) = newest else { return };
         self.refiner.observe(newest.stamp, newest.position);
-        if let Some(refinement) = preview.refine(newest, &self.refiner, shares, governor) {
+        let Some(noted) = preview.note(newest, &self.refiner, shares.is_some()) else { return };
+        if followed {
+            preview.draw(newest.position, &noted, &self.refiner, shares, governor);
+        }
+        if let Noted::Within(refinement) = noted {
             self.record.record_refinement(&self.refiner, &refinement);
         }
     }

@@ -3,6 +3,7 @@
 //! Contract: fixed size, no allocation, total. Positions in the plane frame \[m\].
 
 use super::LEADS;
+use super::record::NewPreview;
 use super::refine::{Refinement, Refiner};
 use crate::pen::PenReading;
 use crate::predict::bands::PreviewBands;
@@ -32,6 +33,17 @@ pub(crate) struct RefinedPreview {
     /// The predictor's output was finite.
     pub(crate) finite: bool,
     bands: Option<PreviewBands>,
+}
+
+/// Where a sample lies in a preview.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Noted {
+    /// Before its base, which was made by newer ones.
+    Before,
+    /// In its first step.
+    Within(Refinement),
+    /// After that: the preview says nothing of it.
+    After,
 }
 
 state! {
@@ -89,58 +101,71 @@ impl RefinedPreview {
 
     /// What is to be followed: between what two previews from the same base came to, `part` of the way from
     /// `own` to `theirs`.
-    pub(crate) fn blend(&mut self, own: &Self, theirs: &Self, part: f64) {
-        (self.used, self.origin, self.refined) = (own.used, own.origin, own.refined);
-        // A preview that is no more, or was refined by another sample, has no part.
-        if part > 0.0 && theirs.base == own.base && theirs.refined == own.refined {
+    pub(super) fn blend(&mut self, own: &Self, theirs: &Self, part: f64) {
+        let nearer = if part < 1.0 { own } else { theirs };
+        (self.used, self.origin, self.refined) = (nearer.used, nearer.origin, nearer.refined);
+        if part > 0.0 && part < 1.0 {
             for ([x, y], [tx, ty]) in self.used.iter_mut().zip(&theirs.used) {
                 (*x, *y) = (*x + part * (tx - *x), *y + part * (ty - *y));
             }
         }
     }
 
-    /// Corrects the preview by `newest` and shrinks it to `shares` per lead; without shares it is used as it
-    /// is. The way to it is shortened to the share `governor` of it. Returns the refinement, if it is new and
-    /// belongs to the preview.
-    pub(crate) fn refine(
-        &mut self,
-        newest: &PenReading,
-        refiner: &Refiner,
-        shares: Option<&[f64; LEADS]>,
-        governor: f64,
-    ) -> Option<Refinement> {
+    /// The next sample refines it again, whichever that is.
+    pub(super) fn refine_again(&mut self) {
+        self.refined = None;
+    }
+
+    /// Where the `newest` sample, if it was not seen before, lies in the preview; `per_step`: whether that is
+    /// to correct it.
+    pub(super) fn note(&mut self, newest: &PenReading, refiner: &Refiner, per_step: bool) -> Option<Noted> {
         let base = self.base?;
-        let seen = Some((newest.stamp, shares.is_some()));
+        let seen = Some((newest.stamp, per_step));
         if self.refined == seen {
             return None;
         }
         self.refined = seen;
         let phase = newest.stamp.since(base) as f64 / self.step_ns as f64;
         if phase >= refiner.latest_phase() {
-            self.used = [newest.position; MAX_PREVIEW + 1];
-            self.origin = 0.0;
-            return None;
+            return Some(Noted::After);
         }
         if !(phase >= 0.0) {
-            self.take_as_it_is();
-            self.shorten(newest.position, governor);
-            return None;
+            return Some(Noted::Before);
         }
-        let refinement = refiner.refinement(newest.position, phase, self.expected(phase));
-        let Some(shares) = shares else {
-            self.take_as_it_is();
-            self.shorten(newest.position, governor);
-            return Some(refinement);
+        Some(Noted::Within(refiner.refinement(newest.position, phase, self.expected(phase))))
+    }
+
+    /// Corrects the preview by the sample at `newest` \[m\], as it was `noted`, and shrinks it to `shares` per
+    /// lead; without shares it is used as it is. The way to it is shortened to the share `governor` of it.
+    pub(super) fn draw(
+        &mut self,
+        newest: [f64; 2],
+        noted: &Noted,
+        refiner: &Refiner,
+        shares: Option<&[f64; LEADS]>,
+        governor: f64,
+    ) {
+        let (refinement, shares) = match (noted, shares) {
+            (Noted::After, _) => {
+                self.used = [newest; MAX_PREVIEW + 1];
+                self.origin = 0.0;
+                return;
+            }
+            (Noted::Within(refinement), Some(shares)) => (refinement, shares),
+            (Noted::Before, _) | (Noted::Within(_), None) => {
+                self.take_as_it_is();
+                self.shorten(newest, governor);
+                return;
+            }
         };
         let moved = self.used.iter_mut().zip(&self.path).take(self.steps + 1);
         for (lead, (used, predicted)) in moved.enumerate().skip(1) {
             let share = governor * shares.get(lead.min(LEADS) - 1).copied().unwrap_or(0.0);
-            *used = refiner.refined(&refinement, lead, *predicted, share);
+            *used = refiner.refined(refinement, lead, *predicted, share);
         }
         let [first, ..] = &mut self.used;
-        *first = newest.position;
-        self.origin = phase;
-        Some(refinement)
+        *first = newest;
+        self.origin = refinement.phase;
     }
 
     /// Draws the path towards `newest` \[m\], down to `share` of the way from there.
@@ -175,6 +200,11 @@ impl RefinedPreview {
     pub(crate) fn base_position(&self) -> [f64; 2] {
         let [base, ..] = self.path;
         base
+    }
+
+    /// For the record of what it is worth.
+    pub(super) fn made(&self) -> NewPreview<'_> {
+        NewPreview { base: self.base_position(), path: self.predicted() }
     }
 
     /// The predicted positions \[m\] as the predictor gave them, the first one step after the base.
@@ -214,6 +244,19 @@ impl RefinedPreview {
 
 #[cfg(test)]
 impl RefinedPreview {
+    /// Notes a sample and draws the path; whether it was new and belongs to the preview.
+    fn refine(
+        &mut self,
+        newest: &PenReading,
+        refiner: &Refiner,
+        shares: Option<&[f64; LEADS]>,
+        governor: f64,
+    ) -> bool {
+        let noted = self.note(newest, refiner, shares.is_some());
+        noted.iter().for_each(|noted| self.draw(newest.position, noted, refiner, shares, governor));
+        matches!(noted, Some(Noted::Within(_)))
+    }
+
     /// One of `points` \[m\] from the base at `base` on, used as it is.
     pub(crate) fn of(step_ns: u64, base: Stamp, points: &[[f64; 2]]) -> Self {
         let mut preview = Self::new(step_ns, points.len() - 1);
@@ -235,7 +278,7 @@ mod tests {
             let mut preview = RefinedPreview::of(10_000_000, Stamp(1_000_000_000), &points);
             let refiner = Refiner::new(0.01);
             let after = PenReading::new(Stamp(1_150_000_000), [0.05, 0.02], true);
-            assert!(preview.refine(&after, &refiner, shares, 1.0).is_none());
+            assert!(!preview.refine(&after, &refiner, shares, 1.0));
             assert!(preview.followed().iter().all(|point| *point == after.position));
         }
     }
@@ -247,12 +290,12 @@ mod tests {
         let mut refiner = Refiner::new(0.01);
         let sample = PenReading::new(Stamp(1_004_000_000), [0.0005, 0.0001], true);
         refiner.observe(sample.stamp, sample.position);
-        assert!(preview.refine(&sample, &refiner, Some(&[0.5; LEADS]), 1.0).is_some());
-        assert!(preview.refine(&sample, &refiner, Some(&[0.5; LEADS]), 1.0).is_none());
+        assert!(preview.refine(&sample, &refiner, Some(&[0.5; LEADS]), 1.0));
+        assert!(!preview.refine(&sample, &refiner, Some(&[0.5; LEADS]), 1.0));
         assert_eq!(preview.followed().first(), Some(&sample.position));
         assert!((preview.origin - 0.4).abs() < 1e-12);
         // Used as it is again, with the same sample.
-        assert!(preview.refine(&sample, &refiner, None, 1.0).is_some());
+        assert!(preview.refine(&sample, &refiner, None, 1.0));
         assert_eq!(preview.followed(), &points);
         assert_eq!(preview.origin, 0.0);
     }

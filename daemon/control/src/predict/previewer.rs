@@ -232,16 +232,16 @@ impl Previewer {
     /// step, made once per step, or `again` with other weights, as far as a plan that looks at `leads` needs.
     pub fn prepare(&mut self, leads: PlanLeads, again: bool) {
         let steps = leads.farthest.min(MAX_PREVIEW);
+        let (Some(newest), true) = (self.newest, self.active == PredictorKind::EXTERNAL) else { return };
         let enough = self.external.fallback().is_some_and(|(known, _)| known.len() >= steps);
-        if self.active != PredictorKind::EXTERNAL || (enough && !again) {
-            return;
+        if again || !enough {
+            let mut positions = [[0.0; 2]; MAX_PREVIEW];
+            let wanted = positions.get_mut(..steps).unwrap_or_default();
+            let (kind, scale_m) = (self.settings.fallback, self.scale.metres_per_unit());
+            let made = self.panel.roll_out(kind, self.limit(), scale_m, newest.position, wanted);
+            self.external.stand_in(wanted, made, leads);
         }
-        let Some(from) = self.newest.map(|step| step.position) else { return };
-        let mut positions = [[0.0; 2]; MAX_PREVIEW];
-        let wanted = positions.get_mut(..steps).unwrap_or_default();
-        let (kind, scale_m) = (self.settings.fallback, self.scale.metres_per_unit());
-        let made = self.panel.roll_out(kind, self.limit(), scale_m, from, wanted);
-        self.external.stand_in(wanted, made, leads);
+        self.external.carry_on();
     }
 
     /// What became of another process's previews; `verdict` of the one that came in this tick.
@@ -264,9 +264,7 @@ impl Previewer {
         }
         let mut report = self.preview_standing_in(out)?;
         let part = self.external.part();
-        let mut theirs = [[0.0; 2]; MAX_PREVIEW];
-        let theirs = theirs.get_mut(..out.len()).unwrap_or_default();
-        if part > 0.0 && self.preview_of_process(theirs).is_some() {
+        if let Some(theirs) = self.external.bounded().filter(|_| part > 0.0) {
             for ([x, y], [tx, ty]) in out.iter_mut().zip(theirs) {
                 (*x, *y) = (*x + part * (*tx - *x), *y + part * (*ty - *y));
             }
@@ -298,9 +296,11 @@ impl Previewer {
     /// As `preview`, with what another process predicts; `None`: it predicted nothing that could be carried
     /// on.
     pub fn preview_of_process(&self, out: &mut [[f64; 2]]) -> Option<PreviewReport> {
+        let theirs = self.external.bounded()?;
         let mut report = self.preview_standing_in(out)?;
         report.bands = report.bands.or_given(|lead| self.external.radius(lead));
-        self.external.replace(out).then_some(report)
+        out.iter_mut().zip(theirs).for_each(|(slot, position)| *slot = *position);
+        Some(report)
     }
 
     /// Its part in the preview in force, 0 to 1; `None`: another predictor is active.

@@ -84,6 +84,16 @@ impl Refiner {
     /// velocities of the last one, are reset.
     pub fn observe(&mut self, stamp: Stamp, position: [f64; 2]) {
         self.observers.see(stamp.0 as f64 * 1e-9, position);
+        self.follow_filter();
+    }
+
+    /// As `observe`, of all samples that the `other` has observed.
+    pub(super) fn observe_as(&mut self, other: &Self) {
+        self.observers = other.observers;
+        self.follow_filter();
+    }
+
+    fn follow_filter(&mut self) {
         let clarity = self.observers.clarity();
         if clarity != self.clarity {
             self.clarity = clarity;

@@ -86,6 +86,8 @@ pub(super) struct External {
     fallback: [[f64; 2]; MAX_PREVIEW],
     /// How many of it count, and how it was made; `None`: it is not that of the newest step.
     made: Option<(usize, RollOut)>,
+    /// The preview as it may be followed: carried on from the newest step, near the fallback's \[m\].
+    bounded: [[f64; 2]; MAX_PREVIEW],
     /// The newest step had a preview: what is in force is what is judged, so it gets no other.
     answered: bool,
     /// What plans looked at when it was made.
@@ -98,8 +100,8 @@ pub(super) struct External {
 
 state! {
     [] External {
-        moves, radii, radii_count, count, base, positions, first, newest, fallback, made, answered, leads,
-        unit_m, weight, contest,
+        moves, radii, radii_count, count, base, positions, first, newest, fallback, made, bounded, answered,
+        leads, unit_m, weight, contest,
     }
     fixed { most_late }
 }
@@ -118,6 +120,7 @@ impl External {
             newest: None,
             fallback: [[0.0; 2]; MAX_PREVIEW],
             made: None,
+            bounded: [[0.0; 2]; MAX_PREVIEW],
             answered: false,
             leads: PlanLeads { nearest: 1, farthest: BAND_LEADS },
             unit_m: 0.0,
@@ -214,16 +217,26 @@ impl External {
         Some((self.fallback.get(..count)?, roll_out))
     }
 
-    /// Replaces `positions` \[m\], the fallback's after the newest step, by the other process's, as far as
-    /// doubt about the fallback allows; `false`: there are none.
-    pub(super) fn replace(&self, positions: &mut [[f64; 2]]) -> bool {
-        let Some(ahead) = self.ahead() else { return false };
-        for (lead, ([x, y], [ex, ey])) in (1..).zip(positions.iter_mut().zip(ahead)) {
-            let most = DOUBT * self.contest.doubt(lead) * self.unit_m;
-            let [dx, dy] = super::shortened([ex - *x, ey - *y], most);
-            (*x, *y) = (*x + dx, *y + dy);
+    /// Carries the other process's preview on from the newest step, as far from the fallback's as doubt about
+    /// that allows.
+    pub(super) fn carry_on(&mut self) {
+        let Some((fallback, _)) = self.fallback() else { return };
+        let mut bounded = [[0.0; 2]; MAX_PREVIEW];
+        if let Some(ahead) = self.ahead() {
+            for ((lead, slot), ([x, y], [ex, ey])) in (1..).zip(&mut bounded).zip(fallback.iter().zip(ahead))
+            {
+                let most = DOUBT * self.contest.doubt(lead) * self.unit_m;
+                let [dx, dy] = super::shortened([ex - x, ey - y], most);
+                *slot = [x + dx, y + dy];
+            }
         }
-        true
+        self.bounded = bounded;
+    }
+
+    /// What was carried on \[m\], the first position one step after the newest; `None`: there is nothing.
+    pub(super) fn bounded(&self) -> Option<&[[f64; 2]]> {
+        self.age()?;
+        self.bounded.get(..self.made?.0)
     }
 
     /// w, while there is something of it to be followed.
