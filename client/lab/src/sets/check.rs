@@ -67,7 +67,10 @@ fn compared(set: &PublishedSet, folder: &Path) -> Result<usize, Failure> {
     let all = set.sums().count();
     let failed = |files: &[&str], what: &str| {
         let shown = files.iter().take(SHOWN).copied().collect::<Vec<_>>().join(", ");
-        let more = if files.len() > SHOWN { ", ..." } else { "" };
+        let more = match files.len().saturating_sub(SHOWN) {
+            0 => String::new(),
+            more => format!(" and {more} more"),
+        };
         Failure::bad_input(
             format!("{}: {} of {all} files {what}: {shown}{more}", folder.display(), files.len()),
             format_args!("unpack the set as `foretrace lab fetch {}` says", set.name),
