@@ -31,6 +31,8 @@ pub(crate) struct Estimates {
     /// Whether each of the two is followed, as of the newest sample.
     followed: [bool; 2],
     put_off: Option<PutOff>,
+    /// The process's record has its preview from the step that closed last.
+    recorded: bool,
 }
 
 /// The step that closed last, until the process's record has judged it.
@@ -39,15 +41,18 @@ struct PutOff {
     motion: Motion,
     position: [f64; 2],
     scale_m: f64,
-    /// How the preview that was made of it was refined meanwhile.
+    /// The process's preview after it is worth judging.
+    in_time: bool,
+    /// How that was refined meanwhile.
     refinement: Option<Refinement>,
 }
 
-state! { whole [] PutOff { motion, position, scale_m, refinement } }
+state! { whole [] PutOff { motion, position, scale_m, in_time, refinement } }
 
 state! {
     [] Estimates {
         own, own_preview, theirs, their_preview, own_shares, their_shares, part, followed, put_off,
+        recorded,
     }
 }
 
@@ -64,6 +69,7 @@ impl Estimates {
             part: None,
             followed: [true, false],
             put_off: None,
+            recorded: false,
         }
     }
 
@@ -98,16 +104,18 @@ impl Estimates {
             // What a past process was worth says nothing; how the pen moves is known.
             self.theirs.clone_from(&self.own);
             self.theirs.forget();
+            (self.their_preview.base, self.recorded) = (None, false);
         }
+        let in_time = self.answered() && previewer.process_in_time();
         match closed {
-            [] if later && self.answered() => self.theirs.record.replace_preview(&self.their_preview.made()),
+            [] if later && in_time => self.record_theirs(),
             [] => {}
             [LearnStep { motion, position, scale_m, .. }] => {
                 let (motion, position, scale_m) = (*motion, *position, *scale_m);
-                self.put_off = Some(PutOff { motion, position, scale_m, refinement: None });
+                self.put_off = Some(PutOff { motion, position, scale_m, in_time, refinement: None });
             }
             // Ticks are late.
-            several => self.judge_theirs(several, None),
+            several => self.judge_theirs(several, in_time, None),
         }
         let theirs = (part > 0.0).then(|| self.theirs.worth(nearest, saturated));
         if let Some(theirs) = &theirs {
@@ -148,7 +156,7 @@ impl Estimates {
             }
             match (noted, &mut self.put_off) {
                 (Noted::Within(refinement), Some(put_off)) => put_off.refinement = Some(refinement),
-                (Noted::Within(refinement), None) => {
+                (Noted::Within(refinement), None) if self.recorded => {
                     self.theirs.record.record_refinement(&self.theirs.refiner, &refinement);
                 }
                 _ => {}
@@ -164,21 +172,33 @@ impl Estimates {
 
     /// The process's record judges what was put off.
     fn catch_up(&mut self) {
-        if let Some(PutOff { motion, position, scale_m, refinement }) = self.put_off.take() {
+        if let Some(PutOff { motion, position, scale_m, in_time, refinement }) = self.put_off.take() {
             let step = LearnStep { motion, position, scale_m, ..LearnStep::default() };
-            self.judge_theirs(&[step], refinement.as_ref());
+            self.judge_theirs(&[step], in_time, refinement.as_ref());
         }
     }
 
-    /// Judges past previews of the process by the steps that `closed`, and records the one that was made from
-    /// them, with its `refinement`.
-    fn judge_theirs(&mut self, closed: &[LearnStep], refinement: Option<&Refinement>) {
+    /// Judges past previews of the process by the steps that `closed`, and records the one after them, if that
+    /// is there `in_time`, with its `refinement`.
+    fn judge_theirs(&mut self, closed: &[LearnStep], in_time: bool, refinement: Option<&Refinement>) {
         self.theirs.judge(closed);
-        if self.answered() {
-            self.theirs.record.record_preview(&self.their_preview.made());
+        self.recorded = false;
+        if in_time {
+            self.record_theirs();
             if let Some(refinement) = refinement {
                 self.theirs.record.record_refinement(&self.theirs.refiner, refinement);
             }
         }
+    }
+
+    /// Records the process's preview from the step that closed last, in the place of an earlier one.
+    fn record_theirs(&mut self) {
+        let made = self.their_preview.made();
+        if self.recorded {
+            self.theirs.record.replace_preview(&made);
+        } else {
+            self.theirs.record.record_preview(&made);
+        }
+        self.recorded = true;
     }
 }

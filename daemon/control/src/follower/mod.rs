@@ -174,7 +174,7 @@ impl<const N: usize, const J: usize> Follower<N, J> {
             weights: input.weights,
             external: input.preview,
             trust: self.trust.alpha(),
-            leads: PlanLeads { nearest: ahead.nearest_lead, farthest: ahead.steps },
+            leads: PlanLeads { nearest: ahead.nearest_lead, last: ahead.last_lead, farthest: ahead.steps },
         };
         let predicted = self.prediction.update(&mut self.preview, &news, &mut health);
         // Estimate: what past previews were worth, and what the newest sample changes in this one.

@@ -116,6 +116,8 @@ pub(super) struct Lookahead {
     pub(super) ahead_ns: u64,
     /// The nearest lead that a plan uses, as far as there are error bands \[steps\].
     pub(super) nearest_lead: usize,
+    /// The last one, while the pen's newest sample is younger than a step.
+    pub(super) last_lead: usize,
     /// Steps to roll out.
     pub(super) steps: usize,
 }
@@ -328,19 +330,28 @@ impl<const J: usize> FollowerSettings<J> {
             dead_time_ns,
             ahead_ns,
             nearest_lead: ((ahead_ns / self.pen.step_ns) as usize + 1).min(BAND_LEADS),
+            last_lead: self.steps_in(ahead_ns.saturating_add(self.plan_ns(horizon))).saturating_add(1),
             steps: self.steps_for(horizon, dead_time_ns),
         }
     }
 
     /// The same for the current dead time, so that a short one costs no more than it must.
     fn steps_for(&self, horizon: usize, dead_time_ns: u64) -> usize {
-        let plan_ns = (self.mpc.step_s * 1e9 * horizon as f64) as u64;
         let ahead_ns = dead_time_ns
             .saturating_add(self.response_ns)
             .saturating_add(self.trust.stale_after_ns)
             .saturating_add(self.pen.step_ns)
-            .saturating_add(plan_ns);
-        usize::try_from(ahead_ns.div_ceil(self.pen.step_ns)).unwrap_or(usize::MAX).saturating_add(1)
+            .saturating_add(self.plan_ns(horizon));
+        self.steps_in(ahead_ns).saturating_add(1)
+    }
+
+    fn plan_ns(&self, horizon: usize) -> u64 {
+        (self.mpc.step_s * 1e9 * horizon as f64) as u64
+    }
+
+    /// Grid steps that cover `ns`.
+    fn steps_in(&self, ns: u64) -> usize {
+        usize::try_from(ns.div_ceil(self.pen.step_ns)).unwrap_or(usize::MAX)
     }
 
     fn check(&self) -> Result<(), FollowerError> {

@@ -309,6 +309,12 @@ impl Previewer {
         (self.active == PredictorKind::EXTERNAL).then(|| self.external.part())
     }
 
+    /// Whether the other process's preview came in time: what is carried on longer is not worth judging.
+    #[must_use]
+    pub fn process_in_time(&self) -> bool {
+        self.active == PredictorKind::EXTERNAL && self.external.in_time()
+    }
+
     fn built_in(&self, kind: PredictorKind, out: &mut [[f64; 2]]) -> Option<PreviewReport> {
         let newest = self.newest?;
         let scale_m = self.scale.metres_per_unit();

@@ -2,7 +2,7 @@
 
 use crate::support::strokes::on_paper;
 use crate::support::writing::scribble;
-use crate::support::{Bench, HOME, PERIOD_NS, learner, models_with_network, settings};
+use crate::support::{Bench, HOME, PERIOD_NS, STEP_NS, learner, models_with_network, settings};
 use foretrace_clarabel::ClarabelProfile;
 use foretrace_control::arm::lag::Following;
 use foretrace_control::clearance::ClearanceSettings;
@@ -10,7 +10,7 @@ use foretrace_control::follower::{
     Budget, EnableReading, Follower, FollowerSettings, Mode, NoClock, Request, StepInput,
 };
 use foretrace_control::pen::PenReading;
-use foretrace_control::predict::{LearnStep, OnlineWeights, PredictorKind};
+use foretrace_control::predict::{ExternalPreview, LearnStep, OnlineWeights, PredictorKind};
 use foretrace_control::qp::backend::Backend;
 use foretrace_control::state::{self, StateError};
 use foretrace_control::units::Stamp;
@@ -25,23 +25,31 @@ struct Given {
     budget: Budget,
     enable: Option<EnableReading>,
     weights: Option<Box<OnlineWeights>>,
+    preview: Option<Box<ExternalPreview>>,
     /// No joint state in this tick.
     silent: bool,
 }
 
+/// What a run went through.
+struct Seen {
+    modes: Vec<Mode>,
+    /// Part of another process's predictor in the preview, tick by tick, where one is asked.
+    parts: Vec<(u64, f64)>,
+}
+
 /// Runs `ticks` of `script`; at each of `cuts` another law starts from the bytes of the first and goes on
-/// beside it. Outputs are compared in every tick, states at the end. Returns the modes seen.
+/// beside it. Outputs are compared in every tick, states at the end.
 fn carried(
     settings: &FollowerSettings<6>,
     start: [f64; 6],
     ticks: u64,
     cuts: &[u64],
     mut script: impl FnMut(u64, &Bench) -> Given,
-) -> Vec<Mode> {
+) -> Seen {
     let mut bench = Bench::new(settings.clone());
     bench.joints.q = start;
     let mut others: Vec<(u64, Follower<10, 6>)> = Vec::new();
-    let mut modes = Vec::new();
+    let (mut modes, mut parts) = (Vec::new(), Vec::new());
     for tick in 0..ticks {
         if cuts.contains(&tick) {
             let bytes = state::bytes_of(&bench.follower).unwrap();
@@ -59,6 +67,7 @@ fn carried(
             enable: given.enable,
             request: given.request,
             weights: given.weights.as_deref(),
+            preview: given.preview.as_deref(),
             ..StepInput::nothing(bench.now)
         };
         let twins = others
@@ -67,6 +76,7 @@ fn carried(
         let twins: Vec<_> = twins.collect();
         let output = bench.step(&input, given.budget);
         modes.push(output.mode);
+        parts.extend(output.external.map(|external| (tick, external.weight)));
         let wanted = format!("{output:?}");
         for (cut, got) in twins {
             assert!(got == wanted, "cut at {cut}, tick {tick}:\n{got}\ninstead of\n{wanted}");
@@ -77,7 +87,7 @@ fn carried(
         assert!(state::bytes_of(other).unwrap() == last, "cut at tick {cut}: another state at the end");
     }
     modes.dedup();
-    modes
+    Seen { modes, parts }
 }
 
 fn curve(t: f64) -> [f64; 2] {
@@ -112,7 +122,7 @@ fn every_predictor_carries_on_bit_for_bit() {
     for kind in PredictorKind::LIVE {
         let mut teacher = learner();
         let mut fresh = None;
-        let modes =
+        let Seen { modes, .. } =
             carried(&with_everything(kind), HOME, 1700, &[0, 3, 137, 421, 950, 1310], |tick, bench| {
                 let pen = hand(tick, bench);
                 // A learner of its own: what counts is that weights come in at some time.
@@ -148,6 +158,47 @@ fn every_predictor_carries_on_bit_for_bit() {
     }
 }
 
+/// Of a process that knows the pen's path, lies for a while, falls silent, and comes back: cut while its part
+/// rises, is whole, falls, is none, and between a step and its preview.
+#[test]
+fn the_predictor_of_another_process_carries_on_bit_for_bit() {
+    let mut settings = with_everything(PredictorKind::AR_RLS);
+    settings.preview.fallback = PredictorKind::AR_RLS;
+    let path = |s: f64| curve(s);
+    let script = |tick: u64, bench: &Bench| {
+        let due = tick.is_multiple_of(2);
+        let at = |stamp_ns: u64| path(stamp_ns as f64 * 1e-9);
+        let closed = bench.now.0 / STEP_NS - 1;
+        let request = match tick {
+            5 => Some(Request::Arm),
+            200 => Some(Request::SwitchPredictor(PredictorKind::EXTERNAL)),
+            2400 => Some(Request::SwitchPredictor(PredictorKind::AR_RLS)),
+            2500 => Some(Request::SwitchPredictor(PredictorKind::EXTERNAL)),
+            _ => None,
+        };
+        let way = if (900..960).contains(&tick) { -1.0 } else { 1.0 };
+        let mut preview = ExternalPreview { base_index: closed, count: 64, ..ExternalPreview::EMPTY };
+        let [x0, y0] = at(closed * STEP_NS);
+        for (ahead, slot) in (1..).zip(&mut preview.positions) {
+            let [x, y] = at((closed + ahead) * STEP_NS);
+            *slot = [x0 + way * (x - x0), y0 + way * (y - y0)];
+        }
+        let answers = tick % 5 < 2 && !(1500..1800).contains(&tick);
+        Given {
+            pen: if due { vec![bench.pen(at(bench.now.0))] } else { Vec::new() },
+            request,
+            preview: answers.then(|| Box::new(preview)),
+            ..Given::default()
+        }
+    };
+    let cuts = [150, 201, 500, 602, 900, 930, 941, 960, 1400, 1401, 1520, 1700, 1850, 2399, 2510, 3000];
+    let Seen { modes, parts } = carried(&settings, HOME, 3200, &cuts, script);
+    assert!(modes.contains(&Mode::Following), "{modes:?}");
+    let within =
+        |least: f64, most: f64| parts.iter().filter(|(_, part)| (least..=most).contains(part)).count();
+    assert!(within(1.0, 1.0) > 300 && within(0.01, 0.99) > 20 && within(0.0, 0.0) > 300, "{parts:?}");
+}
+
 #[test]
 fn the_way_home_stops_and_a_held_switch_carry_on_bit_for_bit() {
     let mut kept = with_everything(PredictorKind::MIXTURE);
@@ -159,7 +210,7 @@ fn the_way_home_stops_and_a_held_switch_carry_on_bit_for_bit() {
         away
     };
     let cuts = [20, 100, 260, 500, 800, 1500, 1610, 1700, 1900];
-    let modes = carried(&kept, away, 2100, &cuts, |tick, bench| {
+    let Seen { modes, .. } = carried(&kept, away, 2100, &cuts, |tick, bench| {
         let request = match tick {
             2 => Some(Request::MoveHome),
             700 => Some(Request::Stop),
@@ -203,7 +254,7 @@ fn an_arm_at_its_limits_carries_on_bit_for_bit() {
         bench.tick_with(&given.pen, given.request, given.budget).governor < 0.5
     });
     let half = half.expect("never held back");
-    let modes = carried(&weak, HOME, half + 300, &[half / 2, half + 1], script);
+    let Seen { modes, .. } = carried(&weak, HOME, half + 300, &[half / 2, half + 1], script);
     assert!(modes.contains(&Mode::Following), "{modes:?}");
 }
 

@@ -6,10 +6,11 @@
 //!
 //! gain = mean over j of (e_fallback² − e_external²) / 2s_j².
 //!
-//! The evidence is the sum of the gains. What a gain adds is bounded, what it takes is not: a lie costs as
-//! much evidence as it is large, so that rare large errors are not paid for by many small gains. The external
-//! predictor has to earn its place, and loses it below 0. Who loses it waits, twice as long each time, so
-//! that one which earns trust in order to lie gets ever fewer chances.
+//! The evidence is the sum of the gains. What a step adds is bounded by a tenth of what it may take: a lie
+//! costs as much evidence as it is large, so that rare large errors are not paid for by many small gains. The
+//! external predictor has to earn its place, and loses it below 0, or with a second of silence. Who loses it
+//! by lies waits, twice as long each time, so that one which earns trust in order to lie gets ever fewer
+//! chances. While the pen rests nothing is judged, and no time passes.
 
 use crate::pen::{TARGET_RMS, rests};
 use crate::predict::bands::BAND_LEADS as LEADS;
@@ -31,6 +32,8 @@ const FIRST: f64 = 5.0;
 const WAIT: u32 = 100;
 /// Half a minute of motion.
 const LONGEST: u32 = 3200;
+/// Who is silent for so many steps begins anew.
+const SILENT: u32 = 100;
 /// Steps of use after which the last loss is forgiven.
 const FORGIVEN: u32 = 2000;
 
@@ -39,8 +42,8 @@ const FORGIVEN: u32 = 2000;
 pub struct Pair {
     /// Position at the step.
     pub base: [f64; 2],
-    /// Of the external predictor.
-    pub external: [[f64; 2]; LEADS],
+    /// Of the external predictor; `None`: it predicted nothing in time.
+    pub external: Option<[[f64; 2]; LEADS]>,
     /// What the fallback predicted, likewise.
     pub fallback: [[f64; 2]; LEADS],
 }
@@ -62,8 +65,7 @@ state! { whole [] FallbackError { squares, cases, recent } }
 /// The evidence, and who may be used.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Contest {
-    /// A ring, one place per step; `newest` is where the last step's is. `None`: the external predictor
-    /// predicted nothing there.
+    /// A ring, one place per step; `newest` is where the last step's is. `None`: nothing was predicted there.
     pairs: [Option<Pair>; LEADS],
     newest: usize,
     spreads: [FallbackError; LEADS],
@@ -75,9 +77,11 @@ pub struct Contest {
     wait: u32,
     /// Steps of use since the last loss.
     used: u32,
+    /// Steps since the external predictor predicted something in time.
+    silence: u32,
 }
 
-state! { [] Contest { pairs, newest, spreads, evidence, earned, losses, wait, used } }
+state! { [] Contest { pairs, newest, spreads, evidence, earned, losses, wait, used, silence } }
 
 impl Default for Contest {
     fn default() -> Self {
@@ -94,6 +98,7 @@ impl Default for Contest {
             losses: 0,
             wait: 0,
             used: 0,
+            silence: 0,
         }
     }
 }
@@ -117,11 +122,17 @@ impl Contest {
         self.spreads.get(lead.clamp(1, LEADS) - 1).map_or(0.0, |spread| spread.recent.sqrt())
     }
 
-    /// What both predicted after the step that closed last; `None`: the external one predicted nothing.
+    /// What both predicted after the step that closed last; `None`: not even the fallback did.
     pub fn record(&mut self, pair: Option<Pair>) {
         self.newest = (self.newest + 1) % LEADS;
+        let answered = pair.as_ref().is_some_and(|pair| pair.external.is_some());
         if let Some(slot) = self.pairs.get_mut(self.newest) {
             *slot = pair;
+        }
+        self.silence = if answered { 0 } else { self.silence.saturating_add(1) };
+        if self.silence >= SILENT {
+            // What one process was worth says nothing of the next.
+            (self.evidence, self.earned) = (0.0, false);
         }
     }
 
@@ -131,27 +142,29 @@ impl Contest {
     }
 
     /// A step closed at `position` \[m\] after ordinary motion, with `unit_m` metres per unit: judges what
-    /// was predicted for it, at the leads from `nearest` to `farthest` that plans use. `in_use`: the external
-    /// predictor was.
-    pub fn judge(&mut self, position: [f64; 2], unit_m: f64, nearest: usize, farthest: usize, in_use: bool) {
+    /// was predicted for it, the external predictor at the leads from `nearest` to `last` that plans use.
+    /// `in_use`: that had a part in it.
+    pub fn judge(&mut self, position: [f64; 2], unit_m: f64, nearest: usize, last: usize, in_use: bool) {
+        let first = nearest.clamp(1, LEADS);
+        let used = first..=last.clamp(first, LEADS);
+        let (mut gains, mut cases, mut moves) = (0.0, 0_u32, false);
+        for (lead, spread) in (1..).zip(&mut self.spreads) {
+            let made = (self.newest + LEADS + 1 - lead) % LEADS;
+            let Some(Some(pair)) = self.pairs.get(made) else { continue };
+            let Some(gain) = spread.case(pair, lead - 1, position, unit_m) else { continue };
+            moves = true;
+            if let Some(gain) = gain.filter(|_| used.contains(&lead)) {
+                gains += gain;
+                cases += 1;
+            }
+        }
+        if !moves {
+            return;
+        }
         self.wait = self.wait.saturating_sub(1);
         self.used = if in_use { self.used.saturating_add(1) } else { self.used };
         if self.used >= FORGIVEN {
             (self.used, self.losses) = (0, self.losses.saturating_sub(1));
-        }
-        let first = nearest.clamp(1, LEADS);
-        let leads = first..=farthest.clamp(first, LEADS);
-        let (mut gains, mut cases) = (0.0, 0_u32);
-        for lead in leads {
-            let made = (self.newest + LEADS + 1 - lead) % LEADS;
-            let (Some(Some(pair)), Some(spread)) = (self.pairs.get(made), self.spreads.get_mut(lead - 1))
-            else {
-                continue;
-            };
-            if let Some(gain) = spread.case(pair, lead - 1, position, unit_m) {
-                gains += gain;
-                cases += 1;
-            }
         }
         if cases > 0 {
             let gain = gains / f64::from(cases);
@@ -171,24 +184,33 @@ impl Contest {
 }
 
 impl FallbackError {
-    /// What a case says for the external predictor; `None`: the pen rested and both said so, which tells
-    /// nothing and would make the spread that of rest.
-    fn case(&mut self, pair: &Pair, index: usize, position: [f64; 2], unit_m: f64) -> Option<f64> {
-        let from = |[x, y]: [f64; 2], [x0, y0]: [f64; 2]| [(x - x0) / unit_m, (y - y0) / unit_m];
+    /// What a case says for the external predictor, if that predicted something; `None`: the pen rested and
+    /// all said so, which tells nothing and would make the spread that of rest.
+    fn case(&mut self, pair: &Pair, index: usize, position: [f64; 2], unit_m: f64) -> Option<Option<f64>> {
+        let per_m = 1.0 / unit_m;
+        let from = |[x, y]: [f64; 2], [x0, y0]: [f64; 2]| [(x - x0) * per_m, (y - y0) * per_m];
         let square = |[x, y]: [f64; 2]| x * x + y * y;
-        let (external, fallback) = (*pair.external.get(index)?, *pair.fallback.get(index)?);
-        if [position, external, fallback].iter().all(|at| rests(from(*at, pair.base))) {
+        let fallback = *pair.fallback.get(index)?;
+        let external = pair.external.as_ref().and_then(|external| external.get(index)).copied();
+        if [position, fallback].iter().chain(&external).all(|at| rests(from(*at, pair.base))) {
             return None;
         }
-        let (external, fallback) = (square(from(external, position)), square(from(fallback, position)));
-        let gain = (fallback - external) / (2.0 * self.squares / self.cases.max(1.0));
+        let fallback = square(from(fallback, position));
+        let gain = external.map(|external| {
+            let external = square(from(external, position));
+            // Where neither has an error there is nothing to tell them apart by.
+            if fallback == external {
+                0.0
+            } else {
+                (fallback - external) / (2.0 * self.squares / self.cases.max(1.0))
+            }
+        });
         let forgetting = 1.0 - 1.0 / MEMORY;
         // A jump that the grid did not see must not hide the errors of years to come.
         self.squares = forgetting * self.squares + fallback.min(1e6);
         self.cases = forgetting * self.cases + 1.0;
         self.recent += (fallback.min(1e6) - self.recent) / SOON;
-        // Where neither has an error there is nothing to tell them apart by.
-        Some(if fallback == external { 0.0 } else { gain })
+        Some(gain)
     }
 }
 
@@ -224,8 +246,11 @@ mod tests {
                         [x, y + error * UNIT_M]
                     })
                 };
-                let pair =
-                    Pair { base: Self::at(self.step), external: with(external), fallback: with(fallback) };
+                let pair = Pair {
+                    base: Self::at(self.step),
+                    external: Some(with(external)),
+                    fallback: with(fallback),
+                };
                 self.contest.record(Some(pair));
             }
         }
@@ -303,7 +328,11 @@ mod tests {
                 let base = Scene::at(scene.step);
                 scene.contest.judge(base, UNIT_M, 4, 20, true);
                 let near = [base[0] + 0.2 * UNIT_M, base[1]];
-                scene.contest.record(Some(Pair { base, external: [near; LEADS], fallback: [base; LEADS] }));
+                scene.contest.record(Some(Pair {
+                    base,
+                    external: Some([near; LEADS]),
+                    fallback: [base; LEADS],
+                }));
             }
         };
         // What was predicted before the pause is judged by it.
@@ -311,6 +340,43 @@ mod tests {
         let before = scene.contest.clone();
         rest(&mut scene, 3000);
         assert_eq!((scene.contest.evidence(), scene.contest.spreads), (before.evidence(), before.spreads));
+        // Neither does a wait pass in it, nor is a loss forgiven.
+        scene.until(false, 100.0, 5.0);
+        let before = scene.contest.clone();
+        assert!(before.wait > 90 && before.losses == 1, "{} {}", before.wait, before.losses);
+        rest(&mut scene, LEADS);
+        let before = scene.contest.clone();
+        rest(&mut scene, FORGIVEN as usize + 10);
+        let now = &scene.contest;
+        assert_eq!((now.wait, now.used, now.losses), (before.wait, before.used, before.losses));
+    }
+
+    /// Who was good has to prove it again after a silence, in which the fallback may have learned the hand.
+    #[test]
+    fn silence_ends_what_was_earned_and_the_fallback_is_known_all_the_same() {
+        let mut scene = Scene::new();
+        scene.until(true, 1.0, 50.0);
+        scene.go(300, 1.0, 50.0);
+        let unsure = scene.contest.doubt(8);
+        assert!((40.0..60.0).contains(&unsure), "{unsure}");
+        let silent = |scene: &mut Scene, steps: usize| {
+            for _ in 0..steps {
+                scene.step += 1;
+                scene.contest.judge(Scene::at(scene.step), UNIT_M, 4, 20, false);
+                let at = |index: usize| Scene::at(scene.step + 1 + index as u32);
+                let fallback = std::array::from_fn(|index| [at(index)[0], at(index)[1] + 0.5 * UNIT_M]);
+                let pair = Pair { base: Scene::at(scene.step), external: None, fallback };
+                scene.contest.record(Some(pair));
+            }
+        };
+        silent(&mut scene, SILENT as usize - 1);
+        assert!(scene.contest.earned());
+        silent(&mut scene, 200);
+        assert!(!scene.contest.earned() && scene.contest.evidence() == 0.0 && scene.contest.losses == 0);
+        assert!(scene.contest.doubt(8) < 0.6, "{}", scene.contest.doubt(8));
+        // As good as the fallback was then is not good enough now.
+        scene.go(2000, 5.0, 0.5);
+        assert!(!scene.contest.earned());
     }
 
     #[test]
@@ -318,7 +384,11 @@ mod tests {
         let (mut contest, right) = (Contest::default(), [0.002, 0.0]);
         let mut changed = Vec::new();
         // One pair only, of which the external one is right everywhere.
-        contest.record(Some(Pair { base: [0.0; 2], external: [right; LEADS], fallback: [[0.0; 2]; LEADS] }));
+        contest.record(Some(Pair {
+            base: [0.0; 2],
+            external: Some([right; LEADS]),
+            fallback: [[0.0; 2]; LEADS],
+        }));
         for step in 1..=LEADS {
             let before = contest.evidence();
             contest.judge(right, UNIT_M, 4, 20, false);
@@ -328,7 +398,11 @@ mod tests {
             contest.record(None);
         }
         assert!(changed.iter().all(|step| (4..=20).contains(step)) && changed.contains(&4), "{changed:?}");
-        contest.record(Some(Pair { base: [0.0; 2], external: [[0.0; 2]; LEADS], fallback: [right; LEADS] }));
+        contest.record(Some(Pair {
+            base: [0.0; 2],
+            external: Some([[0.0; 2]; LEADS]),
+            fallback: [right; LEADS],
+        }));
         contest.interrupt();
         let before = contest.evidence();
         (0..LEADS).for_each(|_| contest.judge(right, UNIT_M, 4, 20, false));

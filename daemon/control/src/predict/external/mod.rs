@@ -8,7 +8,8 @@
 //! where the difference is at most `DOUBT` times the recent error of the fallback at its lead: what another
 //! process says is bounded by what the fallback may be wrong by. A hand that the fallback foresees leaves a
 //! lie no room, one that nothing foresees leaves the truth enough. w rises and falls by a fixed amount per
-//! grid step, so that neither a loss nor a return moves the reference at once. It rises only while previews
+//! grid step, so that neither a loss nor a return moves the reference at once; only a jump or a new stroke,
+//! which nothing before belongs to, ends it at once. It rises only while previews
 //! come in time and the [`Contest`] says that they are better than the fallback's. Trust, shares and
 //! corrections judge each of the two, and what both come to is blended.
 
@@ -46,7 +47,7 @@ const WILD: f64 = 4.0;
 pub struct ExternalReport {
     /// w, its part in the preview in force, from 0 to 1.
     pub weight: f64,
-    /// Its least evidence against the fallback, from -10 to 10.
+    /// The evidence for it against the fallback, from -10 to 10.
     pub evidence: f64,
     /// Grid steps since its newest usable preview's base; `None`: there is none.
     pub age: Option<u32>,
@@ -59,11 +60,13 @@ pub struct ExternalReport {
 pub struct PlanLeads {
     /// Of its first reference.
     pub nearest: usize,
-    /// As far as a preview has to reach.
+    /// Of its last reference, while the pen's samples come in time.
+    pub last: usize,
+    /// As far as a preview has to reach: a plan without new samples looks farther.
     pub farthest: usize,
 }
 
-state! { whole [] PlanLeads { nearest, farthest } }
+state! { whole [] PlanLeads { nearest, last, farthest } }
 
 /// The newest preview of the other process, and what it is worth.
 #[derive(Debug, Clone)]
@@ -122,7 +125,7 @@ impl External {
             made: None,
             bounded: [[0.0; 2]; MAX_PREVIEW],
             answered: false,
-            leads: PlanLeads { nearest: 1, farthest: BAND_LEADS },
+            leads: PlanLeads { nearest: 1, last: BAND_LEADS, farthest: BAND_LEADS },
             unit_m: 0.0,
             weight: 0.0,
             contest: Contest::default(),
@@ -132,11 +135,11 @@ impl External {
     /// A step closed while this predictor is chosen.
     pub(super) fn observe(&mut self, step: &LearnStep) {
         // In the step that ends here.
-        let in_time = self.age().is_some_and(|age| age <= self.most_late);
+        let in_time = self.in_time();
         if step.motion == Motion::Continues {
             self.contest.record(self.pair());
-            let PlanLeads { nearest, farthest } = self.leads;
-            self.contest.judge(step.position, step.scale_m, nearest, farthest, self.weight > 0.0);
+            let PlanLeads { nearest, last, .. } = self.leads;
+            self.contest.judge(step.position, step.scale_m, nearest, last, self.weight > 0.0);
         } else {
             self.contest.interrupt();
             (self.base, self.weight) = (None, 0.0);
@@ -279,18 +282,23 @@ impl External {
         }))
     }
 
-    /// What both predicted after the newest step, where both did, in time.
+    /// It has a preview that came in time.
+    pub(super) fn in_time(&self) -> bool {
+        self.age().is_some_and(|age| age <= self.most_late)
+    }
+
+    /// What both predicted after the newest step, the other process where it did in time.
     fn pair(&self) -> Option<Pair> {
         let (fallback, _) = self.fallback()?;
-        self.age().filter(|age| *age <= self.most_late)?;
         let base = self.positions.get(place(self.newest?)).copied()?;
         let last = fallback.last().copied()?;
-        let mut pair = Pair { base, external: [base; BAND_LEADS], fallback: [last; BAND_LEADS] };
-        for (slot, position) in pair.external.iter_mut().zip(self.ahead()?) {
-            *slot = position;
-        }
+        let mut pair = Pair { base, external: None, fallback: [last; BAND_LEADS] };
         for (slot, position) in pair.fallback.iter_mut().zip(fallback) {
             *slot = *position;
+        }
+        if let Some(ahead) = self.ahead().filter(|_| self.in_time()) {
+            let external = pair.external.insert([base; BAND_LEADS]);
+            external.iter_mut().zip(ahead).for_each(|(slot, position)| *slot = position);
         }
         Some(pair)
     }
