@@ -7,7 +7,8 @@ use super::baseline::{BaselineDesk, baseline_settings};
 use super::pareto::{Tuning, scale_gains, soften};
 use super::{BenchArm, BenchRow, Each, Flaws, Hand, Rival, SequenceScore, rows};
 use crate::experiments::{
-    ClosedLoop, Desk, DeskOptions, OtherPredictor, RunError, WAIT_S, desk, learner_for, settings_for,
+    ClosedLoop, Desk, DeskOptions, OtherPredictor, RunError, StepPredictor, WAIT_S, desk, learner_for,
+    settings_for,
 };
 use crate::parallel;
 use crate::process::{PATIENCE, command_of};
@@ -72,11 +73,11 @@ pub struct HandNames {
     pub labels: Vec<String>,
 }
 
-struct Job<'a> {
-    rival: Rival,
-    tuning: &'a Tuning,
-    arm: BenchArm,
-    hand: &'a Hand,
+pub(super) struct Job<'a> {
+    pub(super) rival: Rival,
+    pub(super) tuning: &'a Tuning,
+    pub(super) arm: BenchArm,
+    pub(super) hand: &'a Hand,
 }
 
 impl Benchmark<'_> {
@@ -205,6 +206,15 @@ impl Benchmark<'_> {
     }
 
     fn desk(&self, job: &Job<'_>) -> Result<Box<dyn Desk>, BenchError> {
+        self.desk_with(job, |step_ns| self.process(job, step_ns))
+    }
+
+    /// With the other program that `process` starts for steps of so many nanoseconds.
+    pub(super) fn desk_with(
+        &self,
+        job: &Job<'_>,
+        process: impl FnOnce(u64) -> Result<Option<Box<dyn StepPredictor>>, BenchError>,
+    ) -> Result<Box<dyn Desk>, BenchError> {
         let wrong = |error: &dyn std::fmt::Display| BenchError::Settings(error.to_string());
         let arm = self.flaws.of(job.arm.kind(self.config));
         let facts = arm.facts();
@@ -241,20 +251,20 @@ impl Benchmark<'_> {
         // The one that stands in learns beside the other program.
         let learns = if kind == PredictorKind::EXTERNAL { settings.preview.fallback } else { kind };
         let learner = learner_for(self.config, &settings, learns).map_err(|error| wrong(&error))?;
-        let process = self.process(job, settings.pen.step_ns)?;
+        let process = process(settings.pen.step_ns)?;
         let arm = arm.built(self.config.robot().home);
         let options = DeskOptions { arm, oracle: kind == PredictorKind::ORACLE, learner, process };
         Ok(desk(horizon, &settings, options).map_err(|error| wrong(&error))?)
     }
 
     /// The predictor in another program, one for each hand.
-    fn process(&self, job: &Job<'_>, step_ns: u64) -> Result<Option<OtherPredictor>, BenchError> {
+    fn process(&self, job: &Job<'_>, step_ns: u64) -> Result<Option<Box<dyn StepPredictor>>, BenchError> {
         let Some(command) = command_of(job.rival.name()) else { return Ok(None) };
         let Hand { file, writer, .. } = job.hand;
         let hand = if writer.is_empty() { file.clone() } else { format!("{file}, {writer}") };
         let started = OtherPredictor::start(command, step_ns, hand.clone(), PATIENCE);
         let wrong = |error| BenchError::Settings(format!("{hand}, {}: {error}", job.rival.name()));
-        started.map(Some).map_err(wrong)
+        Ok(Some(Box::new(started.map_err(wrong)?)))
     }
 }
 

@@ -22,6 +22,8 @@ mod tick_table;
 mod table;
 mod written;
 pub mod pictures;
+#[cfg(test)]
+mod hostile_tests;
 
 pub use arm::{BenchArm, Flaws};
 pub use job::{BenchError, Benchmark, HandNames, MethodOutcome};

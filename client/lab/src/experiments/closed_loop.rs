@@ -20,7 +20,7 @@ use foretrace_sim::metrics::ToolSample;
 use foretrace_sim::path::PathSample;
 
 use super::desk_arm::{ArmError, DeskArm, Measured, exceeds};
-use super::other_program::OtherPredictor;
+use super::other_program::StepPredictor;
 use crate::process::ProcessError;
 
 /// What happened in one tick, in the plane frame.
@@ -94,7 +94,7 @@ pub struct DeskOptions {
     pub oracle: bool,
     pub learner: Option<Learner>,
     /// The predictor in another program, where `external` is chosen.
-    pub process: Option<OtherPredictor>,
+    pub process: Option<Box<dyn StepPredictor>>,
 }
 
 /// A loop and its arm that write one path after the other: between them only the loop's own reset for an
@@ -191,7 +191,7 @@ struct LoopDesk<const N: usize> {
     measured: Measured,
     learner: Option<Learner>,
     promoted: Option<Box<OnlineWeights>>,
-    process: Option<OtherPredictor>,
+    process: Option<Box<dyn StepPredictor>>,
     /// It came since the last tick.
     preview: Option<ExternalPreview>,
     oracle: bool,

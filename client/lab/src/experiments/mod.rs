@@ -17,7 +17,7 @@ pub use entrant::LawEntrant;
 pub use fig2::{Fig2, Fig2Arm, Fig2Row, fig2, fig2_entrant, fig2_names};
 pub use fig3::{Fig3, Fig3Letter, fig3};
 pub use letters::{Labels, Letter, LetterError, letters};
-pub use other_program::OtherPredictor;
+pub use other_program::{OtherPredictor, StepPredictor};
 pub use shown::fig2_json;
 
 use foretrace_config::{Config, SettingOrigin};

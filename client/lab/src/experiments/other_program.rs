@@ -10,6 +10,15 @@ use foretrace_control::predict::{ExternalPreview, LearnStep, MAX_PREVIEW};
 
 use crate::process::{Greeting, Partner, ProcessError, StepQuestion};
 
+/// A predictor beside the loop, in lock-step.
+pub trait StepPredictor: std::fmt::Debug {
+    /// Tells a closed step, after which a plan looks at `steps`; its preview comes before the next tick.
+    ///
+    /// # Errors
+    /// It cannot go on.
+    fn tell(&mut self, step: &LearnStep, steps: usize) -> Result<Option<ExternalPreview>, ProcessError>;
+}
+
 /// A program that predicts one hand.
 #[derive(Debug)]
 pub struct OtherPredictor {
@@ -31,12 +40,10 @@ impl OtherPredictor {
         let greeting = Greeting::closed_loop(step_ns as f64 * 1e-9, hand);
         Ok(Self { partner: Partner::start(command, &greeting, patience)?, step_ns })
     }
+}
 
-    /// Tells a closed step, after which a plan looks at `steps`.
-    ///
-    /// # Errors
-    /// [`Partner::tell`].
-    pub fn tell(&mut self, step: &LearnStep, steps: usize) -> Result<Option<ExternalPreview>, ProcessError> {
+impl StepPredictor for OtherPredictor {
+    fn tell(&mut self, step: &LearnStep, steps: usize) -> Result<Option<ExternalPreview>, ProcessError> {
         let ([x, y], [dx, dy]) = (step.position, step.pen.x.map(|x| x * step.scale_m));
         let question = StepQuestion {
             index: step.index,
