@@ -9,6 +9,12 @@ const REFUSED_S = 10;
 const SAME_MS = 500;
 const number = (value, digits, unit = "") => (value === null || value === undefined ? "not known" : `${value.toFixed(digits)} ${unit}`.trim());
 
+// The predictor of another process.
+const foreign = ({ weight, share, evidence, hits, steps, latency_ms, refused }) => {
+  const reasons = Object.entries(refused).map(([why, count]) => `${count} ${why}`).join(", ");
+  return `${number(100 * weight, 0, "% of the preview")}, ${number(100 * Math.max(share, 0), 0, "% in the mean")} (evidence ${number(evidence, 1)}), ${hits} of ${steps} steps in time, ${number(latency_ms, 1, "ms")}, refused: ${reasons || "none"}`;
+};
+
 export class State {
   constructor(parts) {
     this.parts = parts;
@@ -82,7 +88,7 @@ export class State {
     const rows = [
       ["trust", `${number(state.trust, 2)} → ${number(state.trust_target, 2)} (${state.trust_reason})`],
       ["predictor", state.external
-        ? `${state.predictor}: ${number(100 * state.external.weight, 0, "% of the preview")}, ${state.external.hits} of ${state.external.steps} steps in time, ${number(state.external.latency_ms, 1, "ms")}, ${state.external.refused} refused`
+        ? `${state.predictor}: ${foreign(state.external)}`
         : state.predictor],
       ["pen → command", number(state.pen_to_command_ms, 2, "ms")],
       ["command → motion", number(state.command_to_motion_ms, 1, "ms")],

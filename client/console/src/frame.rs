@@ -6,7 +6,8 @@
 use std::collections::VecDeque;
 
 use foretrace_client::wire::{
-    FaultReason, GhostState, Latency, StopDetail, Tracking, TrustReason, pen_flags,
+    ExternalState, FaultReason, GhostState, Latency, PreviewRefusal, StopDetail, Tracking, TrustReason,
+    pen_flags,
 };
 use foretrace_client::{Mode, Stage, Status, TickRecord, monotonic_now_ns};
 use foretrace_config::Config;
@@ -170,14 +171,7 @@ fn state(status: &Status, remedy: &Remedy) -> Value {
         "trust_target": status.trust_target,
         "trust_reason": TrustReason::try_from(status.trust_reason).map(|reason| reason.to_string()).ok(),
         "predictor": status.predictor.as_str(),
-        "external": (status.external.weight >= 0.0).then(|| json!({
-            "weight": status.external.weight,
-            "hits": status.external.hits,
-            "steps": status.external.steps,
-            "refused": status.external.refused.iter().map(|count| u64::from(*count)).sum::<u64>(),
-            "latency_ms": (status.external.latency.p50_ns > 0)
-                .then(|| f64::from(status.external.latency.p50_ns) * 1e-6),
-        })),
+        "external": external(&status.external),
         "pen_age_ms": ms(status.pen_age_ns),
         "pen_samples": status.counters.pen_received,
         "pen_rejected": status.counters.pen_rejected.total(),
@@ -215,9 +209,39 @@ fn rms(tracking: &Tracking) -> Option<f64> {
     (rms >= 0.0).then_some(rms * 1e3)
 }
 
+/// The predictor of another process, with the refusals that there were by reason; null: it is not chosen.
+fn external(state: &ExternalState) -> Value {
+    if !(state.weight >= 0.0) {
+        return Value::Null;
+    }
+    let refused = (1..).zip(state.refused).filter(|(_, count)| *count > 0).filter_map(|(number, count)| {
+        let why = PreviewRefusal::try_from(number).ok()?;
+        Some((why.to_string(), Value::from(count)))
+    });
+    json!({
+        "weight": state.weight,
+        "share": state.share,
+        "evidence": state.evidence,
+        "hits": state.hits,
+        "steps": state.steps,
+        "refused": refused.collect::<serde_json::Map<_, _>>(),
+        "latency_ms": (state.latency.p50_ns > 0).then(|| f64::from(state.latency.p50_ns) * 1e-6),
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_predictor_of_another_process_is_shown_with_what_was_refused_of_it() {
+        assert_eq!(external(&ExternalState::NONE), Value::Null);
+        let mut state = ExternalState { weight: 0.5, share: 0.25, evidence: 7.0, ..ExternalState::NONE };
+        (state.refused[1], state.refused[6]) = (2, 7);
+        let shown = external(&state);
+        assert_eq!((&shown["share"], &shown["evidence"]), (&json!(0.25), &json!(7.0)));
+        assert_eq!(shown["refused"], json!({ "non-finite": 2, "wild": 7 }));
+    }
 
     #[test]
     fn the_path_is_that_of_the_record_and_there_is_none_while_nothing_is_followed() {

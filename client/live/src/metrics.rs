@@ -144,6 +144,10 @@ fn external(text: &mut String, state: &ExternalState) {
     let chosen = state.weight >= 0.0;
     let weight = if chosen { f64::from(state.weight) } else { f64::NAN };
     gauge(text, "external_weight", "Part of another process's predictor in the preview.", weight);
+    let share = if state.share >= 0.0 { f64::from(state.share) } else { f64::NAN };
+    gauge(text, "external_share", "Mean of external_weight over the steps that closed.", share);
+    let evidence = if chosen { f64::from(state.evidence) } else { f64::NAN };
+    gauge(text, "external_evidence", "Evidence that it is better than the fallback, -10 to 10.", evidence);
     let late_ns = state.latency.p50_ns;
     let latency = if chosen && late_ns > 0 { f64::from(late_ns) * 1e-9 } else { f64::NAN };
     gauge(text, "external_latency_seconds", "From a grid step to its preview, recent median.", latency);
@@ -188,6 +192,7 @@ mod tests {
         let mut status = Status { mode: Mode::Following.into(), ..Status::default() };
         status.counters.pen_rejected.by_reason[RejectReason::OutOfRange as usize] = 3;
         status.counters.overruns = 7;
+        (status.external.weight, status.external.share, status.external.evidence) = (0.5, 0.25, 7.0);
         status.pen_to_command.bins[2] = 4;
         status.pen_to_command.bins[LATENCY_BINS - 1] = 1;
         status
@@ -211,6 +216,9 @@ mod tests {
         assert_eq!(types.len(), count);
         for wanted in [
             "foretrace_overruns_total 7",
+            "foretrace_external_weight 0.5",
+            "foretrace_external_share 0.25",
+            "foretrace_external_evidence 7",
             "foretrace_pen_rejected_total{reason=\"out of range\"} 3",
             "foretrace_mode{mode=\"following\"} 1",
             "foretrace_pen_to_command_seconds_bucket{le=\"+Inf\"} 5",

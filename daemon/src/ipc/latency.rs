@@ -92,8 +92,8 @@ struct Recent {
 
 /// How long a value counts \[ns\].
 const RECENT_NS: i64 = 2_000_000_000;
-/// Most of them: two seconds of steps of 5 ms.
-const RECENT: usize = 400;
+/// Most of them: two seconds of the shortest steps, 4 ms.
+const RECENT: usize = 500;
 
 impl Recent {
     fn add(&mut self, now: Stamp, ns: Option<u64>) {
