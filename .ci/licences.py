@@ -1,5 +1,5 @@
-"""Checks licence and source of every dependency, and its single version where deny.toml wants one, without network: of the
-workspace, and of the Python package, which is a workspace of its own.
+"""Checks licence and source of every dependency, and its single version where deny.toml wants one: of the workspace, and of
+the Python package, which is a workspace of its own. From `cargo metadata`, which fetches what was not fetched before.
 
 A licence expression passes if one of its alternatives does. Advisories need a database: see .ci/run.
 """
@@ -23,7 +23,11 @@ def main() -> int:
 def problems(folder: str, rules: dict) -> int:
     allowed = set(rules["licenses"]["allow"])
     command = ["cargo", "metadata", "--locked", "--format-version", "1"]
-    packages = json.loads(subprocess.run(command, cwd=ROOT / folder, capture_output=True, text=True, check=True).stdout)["packages"]
+    told = subprocess.run(command, cwd=ROOT / folder, capture_output=True, text=True)
+    if told.returncode != 0:
+        print(f"licences: {folder or 'the workspace'}: `{' '.join(command)}` failed:\n{told.stderr.rstrip()}", file=sys.stderr)
+        return 1
+    packages = json.loads(told.stdout)["packages"]
     bad = 0
     for package in packages:
         name = f"{package['name']} {package['version']}"

@@ -106,7 +106,7 @@ if [[ $# == 0 ]]; then
     judge ur-rtde "$python" numpy ur_rtde==1.6.5 -- test_examples
     judge mujoco "$python" numpy mujoco==4.0.0 -- test_examples
     # An arm in lock-step needs no daemon; its test skips where MuJoCo could not be had, which was said above.
-    if [[ -x $scratch/mujoco/bin/python ]]; then
+    if "$scratch/mujoco/bin/python" -c "import mujoco, foretrace" 2>/dev/null; then
       (cd client/python/tests && "$scratch/mujoco/bin/python" -m unittest test_lab.Physics) || broken=$((broken + 1))
     fi
   done

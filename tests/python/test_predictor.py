@@ -59,6 +59,24 @@ class Predictors(World):
             self.assertTrue(waiting.is_alive())
             waiting.join()
 
+    def test_steps_that_found_no_room_are_counted(self):
+        self.daemon()
+        with foretrace.attach() as ft, ft.predictor_interface() as predictor:
+            self.assertEqual(predictor.lost, 0)
+            hand = Hand(ft)
+            first = until("a step", predictor.next)
+            # Nobody reads: 256 of them wait, and the oldest make room.
+            until("a step was lost", lambda: predictor.lost >= 20)
+            before = predictor.lost
+            step = predictor.next()
+            self.assertGreater(step.index, first.index + before)
+            kept = predictor.lost
+            while predictor.next(timeout=0.0):
+                pass
+            self.assertLess(predictor.lost - kept, 20, "who reads loses no more")
+            hand.end()
+            self.assertIsNone(hand.error)
+
     def test_what_is_wrong_is_named_here_or_counted_there(self):
         self.daemon()
         with foretrace.attach() as ft, ft.predictor_interface() as predictor:

@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
 """Writes the licences of everything that is linked into the program and the library: client/cli/package/third-party.py FILE.
 
-From `cargo metadata`, without network: every crate that is built for this machine, with the texts that it brings, each text once.
+From `cargo metadata`, which fetches what was not fetched before: every crate that is built for this machine, with the texts
+that it brings, each text once.
 Fails where a crate brings no text and its licence is none of those that other crates bring. Without FILE it only checks.
 """
 
@@ -48,7 +49,10 @@ THE SOFTWARE."""
 
 
 def output(*command: str) -> str:
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    told = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    if told.returncode != 0:
+        raise SystemExit(f"third-party: `{' '.join(command)}` failed in {ROOT}:\n{told.stderr.rstrip()}")
+    return told.stdout
 
 
 def linked() -> list[dict]:

@@ -176,9 +176,13 @@ def live(pen, instance):
 
     with foretrace.attach(instance) as ft, ft.predictor_interface() as predictor:
         ft.predictor("external")
+        last = None
         for step in predictor:
             pen.fits(step.step_ns * 1e-9)
-            pen.observe(step.dx_m, step.dy_m, step.scale_m, step.motion == PenMotion.CONTINUES)
+            # Where a step was lost its displacement is missing: what the network remembers leads elsewhere.
+            follows = step.motion == PenMotion.CONTINUES and last is not None and step.index == last + 1
+            last = step.index
+            pen.observe(step.dx_m, step.dy_m, step.scale_m, follows)
             predictor.send(step, pen.positions(step.x_m, step.y_m, step.scale_m, step.wanted))
 
 

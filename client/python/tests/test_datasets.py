@@ -3,6 +3,7 @@
 import json
 import math
 import os
+import tracemalloc
 import unittest
 import warnings
 from unittest import mock
@@ -268,6 +269,59 @@ class Converters(Scratch):
         self.assertEqual(len(datasets.load(done.folder, quiet=True)), 1100)
         with self.assertRaisesRegex(foretrace.Invalid, "limit is 0"):
             datasets.convert_quickdraw(path, self.path("other"), limit=0)
+
+    def test_a_file_of_drawings_has_so_many_points_and_no_more(self):
+        path = self.write("cat.ndjson", "\n".join(self.drawing(n) for n in range(7)))
+        with mock.patch("foretrace._convert.POINTS_PER_FILE", 11):
+            done = datasets.convert_quickdraw(path, self.path("out"))
+        # Of five points each.
+        self.assertEqual((done.files, done.sequences), (3, 7))
+        found = datasets.load(done.folder, strict=True, quiet=True)
+        self.assertEqual([os.path.basename(s.file) for s in found], ["00000.inkml"] * 3 + ["00001.inkml"] * 3 + ["00002.inkml"])
+
+    def test_iam_ondb_takes_the_memory_of_one_form_however_many_there_are(self):
+        stroke = [(1000 + k, 2000 + 3 * k, 10.0 + 0.01 * k) for k in range(600)]
+
+        def peak(forms):
+            source = f"iam{forms}"
+            for form in range(forms):
+                self.write(f"{source}/original/b{form:02}/strokes.xml", iam_line([stroke]))
+                for line in (1, 2):
+                    self.write(f"{source}/lineStrokes/b{form:02}-{line:02}.xml", iam_line([stroke]))
+            tracemalloc.start()
+            try:
+                done = datasets.convert_iam_ondb(self.path(source), self.path(f"{source}-out"))
+                return done.sequences, tracemalloc.get_traced_memory()[1]
+            finally:
+                tracemalloc.stop()
+
+        peak(2)
+        (few, before), (many, after) = peak(3), peak(24)
+        self.assertEqual((few, many), (6, 48))
+        self.assertLess(after, 1.5 * before)
+
+    def test_a_name_that_is_too_long_takes_no_other_with_it(self):
+        self.write("iam/d-01.xml", iam_line(STROKES))
+        self.write("iam/strokesz.xml", FORM.replace("a01-001z", "a" * 300))
+        done = datasets.convert_iam_ondb(self.path("iam"), self.path("iam-out"))
+        self.assertEqual((done.files, len(done.left_out)), (1, 1))
+        self.assertRegex(done.left_out[0], "form aaa.*a name that is too long here")
+        drawings = "\n".join(self.drawing(n) for n in range(3))
+        paths = [self.write(f"q/{name}", drawings) for name in ("cat.ndjson", "c" * 251, "d" * 255, "dog.ndjson")]
+        done = datasets.convert_quickdraw(paths, self.path("q-out"))
+        self.assertEqual((done.files, done.sequences, len(done.left_out)), (3, 9, 1), done.left_out)
+        self.assertRegex(done.left_out[0], r"d{255}: its file would be '002-ddd.*shorten that of its source")
+        with self.assertRaisesRegex(foretrace.Problem, "too long here"):
+            datasets.convert_quickdraw(paths, self.path("q-strict"), strict=True)
+        with mock.patch("foretrace._convert.DRAWINGS_PER_FILE", 1):
+            done = datasets.convert_quickdraw(paths, self.path("q-parts"))
+        self.assertEqual((done.sequences, len(done.left_out)), (9, 1), done.left_out)
+
+    def test_a_form_that_is_refused_is_not_converted(self):
+        self.write("iam/d-01.xml", iam_line(STROKES))
+        self.write("iam/strokesz.xml", FORM.replace("10028", "1" * 200))
+        done = datasets.convert_iam_ondb(self.path("iam"), self.path("out"))
+        self.assertEqual((done.files, len(done.left_out)), (1, 1), done.left_out)
 
     def signature(self):
         return "3\n" + "".join(f"{10 + k} {20 + k * k} {10 * k} 1\n" for k in range(3))

@@ -92,6 +92,15 @@ class ClosedLoop(Scratch):
         self.assertLess(quick, slow)
         self.assertLess(slow, 0.8 * blind)
 
+    @needs_numpy
+    def test_a_stamp_may_be_a_whole_number_of_numpy(self):
+        class Stamped(Logging):
+            def step(self, command):
+                q, qd = super().step(command)
+                return lab.Answer(q, qd, stamp_ns=numpy.int64(command.until_ns))
+
+        self.assertEqual(self.run_with(Stamped).rows, self.run_with(Logging).rows)
+
     def test_every_hand_gets_an_arm_of_its_own_and_settings_reach_the_law(self):
         found = self.run_with(Logging, text=["a", "b"], changes={"loop": {"rate_hz": 250}, "pen.step_ms": 8})
         self.assertEqual([arm.begin.period_s for arm in found.arms], [0.004, 0.004])
@@ -164,12 +173,17 @@ class ClosedLoop(Scratch):
             def step(self, command):
                 return lab.Answer(self.q, [0.0] * 6, stamp_ns="now")
 
+        class Fractional(Logging):
+            def step(self, command):
+                return lab.Answer(self.q, [0.0] * 6, stamp_ns=5.0)
+
         for arm, error, why in [
             (Failing, RuntimeError, "the simulator fell over"), (Nan, Invalid, "q at tick 9 is .*nan"),
             (Short, Invalid, "q at tick 0 is .*6 finite numbers"), (Back, Invalid, "stamp_ns at tick 0"),
             (Wordless, Invalid, "gave None; legal: Answer"), (Far, Problem, "1000"), (Unit, Invalid, "effort_unit is 'lbf'"),
             (Huge, Invalid, "q at tick 0 is"), (Rate, Invalid, "rate_hz is fast"), (Delay, Invalid, "group_delay_s is 1000"),
-            (Wordy, Invalid, "stamp_ns at tick 0 is now"),
+            (Wordy, Invalid, "stamp_ns at tick 0 is now; legal: whole nanoseconds"),
+            (Fractional, Invalid, "stamp_ns at tick 0 is 5.0; legal: whole nanoseconds"),
         ]:
             with self.assertRaisesRegex(error, why):
                 self.run_with(arm)

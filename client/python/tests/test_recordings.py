@@ -215,7 +215,7 @@ class Refused(Scratch):
                 foretrace.read(recording()).topic("/raw/tick")
             self.assertGreater(len(foretrace.read(recording()).topic("/raw/tick", every=3)), 100)
         with mock.patch("foretrace.recordings.MOST_BYTES", 1000):
-            for work in (lambda run: run.pieces, lambda run: run.pen):
+            for work in (lambda run: run.pieces, lambda run: run.pen, lambda run: run.stops):
                 with self.assertRaisesRegex(foretrace.Problem, "more than 1000 bytes; set foretrace.recordings.MOST_BYTES"):
                     work(foretrace.read(recording()))
 

@@ -33,11 +33,11 @@ pub(super) enum FileUse {
     Run,
 }
 
-/// The numbers of a user and of its group.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// The numbers of a user and of all its groups.
+#[derive(Debug, Clone, PartialEq, Eq)]
 struct SystemUser {
     user: u32,
-    group: u32,
+    groups: Vec<u32>,
 }
 
 /// What decides whether the service can be changed.
@@ -111,7 +111,7 @@ impl Host {
             let what = format_args!("{} lies where the service does not see it", file.display());
             return Err(Failure::bad_input(what, remedy));
         }
-        usable(file, wanted, system_user(&passwd())).map_err(|why| Failure::bad_input(why, remedy))
+        usable(file, wanted, the_system_user().as_ref()).map_err(|why| Failure::bad_input(why, remedy))
     }
 
     /// Refuses where the service cannot be changed.
@@ -122,7 +122,7 @@ impl Host {
                 systemd: Path::new("/run/systemd/system").is_dir(),
                 root: rustix::process::geteuid().is_root(),
                 packaged: PACKAGED.iter().any(|folder| Path::new(folder).join(NAME).exists()),
-                user: system_user(&passwd()).is_some(),
+                user: the_system_user().is_some(),
             },
         )
     }
@@ -267,26 +267,35 @@ fn succeeds(step: &ServiceStep) -> bool {
     command.status().is_ok_and(|status| status.success())
 }
 
-fn passwd() -> String {
-    fs::read_to_string("/etc/passwd").unwrap_or_default()
+fn the_system_user() -> Option<SystemUser> {
+    let read = |file: &str| fs::read(file).unwrap_or_default();
+    let (passwd, group) = (read("/etc/passwd"), read("/etc/group"));
+    system_user(&String::from_utf8_lossy(&passwd), &String::from_utf8_lossy(&group))
 }
 
-/// The user of the service, as `/etc/passwd` has it.
-fn system_user(passwd: &str) -> Option<SystemUser> {
-    passwd.lines().find_map(|line| {
+/// The user of the service, as `/etc/passwd` and `/etc/group` have it.
+fn system_user(passwd: &str, group: &str) -> Option<SystemUser> {
+    let (user, own) = passwd.lines().find_map(|line| {
         let mut fields = line.split(':');
         (fields.next() == Some("foretrace")).then_some(())?;
-        Some(SystemUser { user: fields.nth(1)?.parse().ok()?, group: fields.next()?.parse().ok()? })
-    })
+        Some((fields.nth(1)?.parse().ok()?, fields.next()?.parse().ok()?))
+    })?;
+    let further = group.lines().filter_map(|line| {
+        let mut fields = line.split(':').skip(2);
+        let number = fields.next()?.parse().ok()?;
+        fields.next()?.split(',').any(|member| member == "foretrace").then_some(number)
+    });
+    Some(SystemUser { user, groups: [own].into_iter().chain(further).collect() })
 }
 
-/// Whether `user`, or everybody where there is none yet, may use `file` so, and get through its folders.
-fn usable(file: &Path, wanted: FileUse, user: Option<SystemUser>) -> Result<(), String> {
+/// Whether `user`, or everybody where there is none yet, may use `file` so, and get through its folders, as
+/// far as modes tell: access lists may say otherwise.
+fn usable(file: &Path, wanted: FileUse, user: Option<&SystemUser>) -> Result<(), String> {
     let may = |path: &Path, bit: u32| {
         let about = fs::metadata(path).map_err(|error| format!("{}: {error}", path.display()))?;
         let shift = match user {
-            Some(SystemUser { user, .. }) if about.uid() == user => 6,
-            Some(SystemUser { group, .. }) if about.gid() == group => 3,
+            Some(SystemUser { user, .. }) if about.uid() == *user => 6,
+            Some(SystemUser { groups, .. }) if groups.contains(&about.gid()) => 3,
             _ => 0,
         };
         if (about.mode() >> shift) & bit == bit {
@@ -298,7 +307,7 @@ fn usable(file: &Path, wanted: FileUse, user: Option<SystemUser>) -> Result<(), 
             (false, FileUse::Read) => "may not be read by the user foretrace",
             (false, FileUse::Run) => "may not be run by the user foretrace",
         };
-        Err(format!("{} (mode {mode:03o}) {what}", path.display()))
+        Err(format!("{} (mode {mode:03o}) {what}, as far as modes tell", path.display()))
     };
     file.ancestors().skip(1).filter(|folder| !folder.as_os_str().is_empty()).try_for_each(|f| may(f, 1))?;
     may(file, if wanted == FileUse::Run { 1 } else { 4 })
@@ -421,20 +430,23 @@ mod tests {
         fs::write(&file, "").unwrap();
         let set = |path: &Path, mode| fs::set_permissions(path, fs::Permissions::from_mode(mode)).unwrap();
         let about = fs::metadata(&file).unwrap();
-        let other = SystemUser { user: about.uid() + 1, group: about.gid() + 1 };
-        let owner = SystemUser { user: about.uid(), ..other };
-        let group = SystemUser { group: about.gid(), ..other };
+        let other = SystemUser { user: about.uid() + 1, groups: vec![about.gid() + 1] };
+        let owner = SystemUser { user: about.uid(), ..other.clone() };
+        let group = SystemUser { groups: vec![about.gid()], ..other.clone() };
+        let further = SystemUser { groups: vec![about.gid() + 1, about.gid()], ..other.clone() };
         set(folder.path(), 0o755);
         for (mode, user, wanted, may) in [
-            (0o644, Some(other), FileUse::Read, true),
-            (0o600, Some(other), FileUse::Read, false),
+            (0o644, Some(&other), FileUse::Read, true),
+            (0o600, Some(&other), FileUse::Read, false),
             (0o600, None, FileUse::Read, false),
-            (0o600, Some(owner), FileUse::Read, true),
-            (0o640, Some(group), FileUse::Read, true),
-            (0o604, Some(group), FileUse::Read, false),
-            (0o644, Some(other), FileUse::Run, false),
-            (0o711, Some(other), FileUse::Run, true),
-            (0o700, Some(other), FileUse::Run, false),
+            (0o600, Some(&owner), FileUse::Read, true),
+            (0o640, Some(&group), FileUse::Read, true),
+            (0o604, Some(&group), FileUse::Read, false),
+            (0o640, Some(&further), FileUse::Read, true),
+            (0o604, Some(&further), FileUse::Read, false),
+            (0o644, Some(&other), FileUse::Run, false),
+            (0o711, Some(&other), FileUse::Run, true),
+            (0o700, Some(&other), FileUse::Run, false),
         ] {
             set(&file, mode);
             let found = usable(&file, wanted, user);
@@ -442,12 +454,16 @@ mod tests {
         }
         set(&file, 0o644);
         set(folder.path(), 0o700);
-        let said = usable(&file, FileUse::Read, Some(other)).unwrap_err();
+        let said = usable(&file, FileUse::Read, Some(&other)).unwrap_err();
         assert!(said.contains("mode 700") && said.contains("through"), "{said}");
+        assert!(said.ends_with("as far as modes tell"), "{said}");
         set(folder.path(), 0o755);
         assert!(usable(Path::new("/nowhere/table.toml"), FileUse::Read, None).is_err());
         let passwd = "root:x:0:0\nforetracer:x:1:1:\nforetrace:x:998:997::/:/usr/sbin/nologin";
-        assert_eq!(system_user(passwd), Some(SystemUser { user: 998, group: 997 }));
-        assert_eq!(system_user("foretracer:x:1:1:"), None);
+        let group = "foretrace:x:997:\nvideo:x:44:ann,foretrace\nforetracers:x:45:foretracer\nbroken\n\
+                     x:y:z:foretrace";
+        assert_eq!(system_user(passwd, group), Some(SystemUser { user: 998, groups: vec![997, 44] }));
+        assert_eq!(system_user(passwd, ""), Some(SystemUser { user: 998, groups: vec![997] }));
+        assert_eq!(system_user("foretracer:x:1:1:", group), None);
     }
 }

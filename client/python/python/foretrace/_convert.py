@@ -1,7 +1,7 @@
 """Sets in formats that the lab does not read, as folders of InkML with a `split.tsv` that it does.
 
 Every converter writes a new folder, which appears whole or not at all. What cannot be used is left out and
-named in the result; with `strict` it is an error. Numbers and texts that the lab would refuse are refused.
+named in the result; with `strict` it is an error. Points are in memory for one file that is written at a time.
 """
 
 from __future__ import annotations
@@ -9,240 +9,19 @@ from __future__ import annotations
 import json
 import os
 import re
-import shutil
-import stat
-import tempfile
 import xml.etree.ElementTree as ElementTree
-from dataclasses import dataclass, field
-from typing import Any, BinaryIO, Iterable, Iterator, Mapping, NamedTuple, Sequence, Union
-from xml.sax.saxutils import escape
+from typing import Iterable, Iterator, Mapping, Union
 
+from ._ink import (
+    Converted, Ink, Name, Refused, Target, Trace, clean, content, files_of, hand, label, number, opened, position, why,
+)
 from ._native import Invalid, Problem
 
-Name = Union[str, "os.PathLike[str]"]
-
-LARGEST_FILE = 128 << 20
 LARGEST_TEXT = 1 << 20
 LONGEST_LINE = 16 << 20
-LONGEST_NAME = 100
-LARGEST_POSITION = 1e9
 DRAWINGS_PER_FILE = 500
-NUMBER = re.compile(r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?")
-
-
-class Trace(NamedTuple):
-    """A stroke, or with `contact` false a hover path: x, y (downwards) and time per point, as texts."""
-
-    points: list[tuple[str, str, str]]
-    contact: bool = True
-
-
-class Ink(NamedTuple):
-    """A sequence of one hand."""
-
-    label: str
-    writer: str
-    traces: list[Trace]
-
-
-@dataclass
-class Converted:
-    """What a converter wrote."""
-
-    folder: str
-    files: int = 0
-    sequences: int = 0
-    left_out: list[str] = field(default_factory=list)
-    """What could not be used, each with file, place and reason."""
-
-
-class Refused(Exception):
-    """A part of a file that cannot be used; its text says where and why."""
-
-
-class Target:
-    """A new folder of InkML files, which gets its name when it is complete."""
-
-    def __init__(self, folder: Name, time_unit: str, strict: bool):
-        self.final = os.fsdecode(folder)
-        if os.path.lexists(self.final):
-            raise Problem(f"{self.final} exists already; give a new name, or remove it")
-        self.part = ""
-        self.unit, self.strict = time_unit, strict
-        self.done = Converted(self.final)
-        self.rows: list[tuple[str, str, str]] = []
-        self.names: dict[str, str] = {}
-
-    def __enter__(self) -> "Target":
-        above, name = os.path.split(os.path.abspath(self.final))
-        try:
-            os.makedirs(above, exist_ok=True)
-            self.part = tempfile.mkdtemp(prefix=f".{name}-", dir=above)
-            os.chmod(self.part, 0o755)
-        except (OSError, ValueError) as error:
-            raise Problem(f"cannot write {self.final}: {_why(error)}") from None
-        return self
-
-    def leave_out(self, why: str) -> None:
-        """Remembers what is not used; an error where strict."""
-        if self.strict:
-            raise Problem(why)
-        self.done.left_out.append(why)
-
-    def add(self, name: str, part: str, inks: Sequence[Ink], of: str) -> None:
-        """One file with these sequences, which were read from `of`."""
-        name = re.sub(r"[^A-Za-z0-9._/-]", "_", name)
-        if name in self.names:
-            self.leave_out(f"{of}: its file would be {name}, which {self.names[name]} has already; rename one of them")
-            return
-        self.names[name] = of
-        lines = [
-            '<?xml version="1.0" encoding="UTF-8"?>',
-            '<ink xmlns="http://www.w3.org/2003/InkML">',
-            '  <traceFormat><channel name="X" type="decimal"/><channel name="Y" type="decimal"/>'
-            f'<channel name="T" type="decimal" units="{self.unit}"/></traceFormat>',
-        ]
-        for ink in inks:
-            lines.append("  <traceGroup>")
-            lines += [
-                f'    <annotation type="{kind}">{escape(clean(text))}</annotation>'
-                for kind, text in (("truth", ink.label), ("writer", ink.writer))
-                if text
-            ]
-            for trace in ink.traces:
-                points = ",".join(" ".join(point) for point in trace.points)
-                kind = "" if trace.contact else ' type="penUp"'
-                lines.append(f"    <trace{kind}>{points}</trace>")
-            lines.append("  </traceGroup>")
-        lines.append("</ink>")
-        path = os.path.join(self.part, name)
-        try:
-            os.makedirs(os.path.dirname(path), exist_ok=True)
-            with open(path, "w", encoding="utf-8") as file:
-                file.write("\n".join(lines) + "\n")
-        except (OSError, ValueError) as error:
-            raise Problem(f"cannot write {path}: {_why(error)}") from None
-        writers = {clean(ink.writer) for ink in inks}
-        self.rows.append((part, name, writers.pop() if len(writers) == 1 else ""))
-        self.done.files += 1
-        self.done.sequences += len(inks)
-
-    def __exit__(self, kind: Any, *_: Any) -> None:
-        try:
-            if kind is None and self.rows:
-                self._finish()
-                return
-        except (OSError, ValueError) as error:
-            raise Problem(f"cannot write {self.final}: {_why(error)}") from None
-        finally:
-            # Nothing is left of it where it has its name by now.
-            shutil.rmtree(self.part, ignore_errors=True)
-        if kind is None:
-            first = f"; the first: {self.done.left_out[0]}" if self.done.left_out else ""
-            raise Problem(f"nothing could be converted ({len(self.done.left_out)} left out{first}); no folder was written")
-
-    def _finish(self) -> None:
-        table = "".join(f"{part}\t{name}\t{writer}\n" for part, name, writer in self.rows)
-        with open(os.path.join(self.part, "split.tsv"), "w", encoding="utf-8") as file:
-            file.write("set\tfile\twriter\n" + table)
-        os.rename(self.part, self.final)
-
-
-def _why(error: Exception) -> str:
-    return (error.strerror if isinstance(error, OSError) else None) or str(error)
-
-
-def clean(text: str) -> str:
-    """In one line, without what XML and tables do not hold."""
-    return re.sub(r"[\x00-\x1f\x7f\ufffe\uffff\ud800-\udfff]+", " ", text).strip()
-
-
-def shown(value: Any) -> str:
-    """The begin of a foreign value, for a message."""
-    try:
-        return repr(str(value)[:40])
-    except ValueError:
-        return "a number of thousands of digits"
-
-
-def number(text: Any, what: str, most: float = 1e12) -> str:
-    """`text`, if it is a finite number of ordinary size, in ASCII."""
-    value = float("nan")
-    try:
-        if isinstance(text, str):
-            text = text.strip()
-            value = float(text) if len(text) <= 400 and NUMBER.fullmatch(text) else value
-        elif isinstance(text, (int, float)) and not isinstance(text, bool):
-            value = float(text)
-    except OverflowError:
-        pass
-    if not -most <= value <= most:
-        raise Refused(f"{what} is {shown(text)}; legal: numbers from -{most:g} to {most:g}")
-    return str(text)
-
-
-def position(text: Any, what: str) -> str:
-    """As `number`, of a position."""
-    return number(text, what, LARGEST_POSITION)
-
-
-def label(value: Any, what: str) -> str:
-    """A text, or nothing."""
-    if value is None:
-        return ""
-    if isinstance(value, bool) or not isinstance(value, (str, int, float)):
-        raise Refused(f"{what} is {shown(value)}; legal: a text")
-    return str(value)
-
-
-def hand(value: Any, what: str) -> str:
-    """As `label`, of a writer's name; the lab compares as much of it as is legal here."""
-    text = label(value, what)
-    if len(text) > LONGEST_NAME:
-        raise Refused(f"{what} has {len(text)} characters; legal: at most {LONGEST_NAME}")
-    return text
-
-
-def files_of(source: Name, ends: str) -> list[str]:
-    """The file, or all files below the folder whose names end so, by name."""
-    source = os.fsdecode(source)
-    if os.path.isfile(source):
-        return [source]
-    if not os.path.isdir(source):
-        raise Problem(f"{source}: no such file or folder")
-    found = [
-        os.path.join(folder, name)
-        for folder, _, names in os.walk(source)
-        for name in names
-        if name.lower().endswith(ends)
-    ]
-    if not found:
-        raise Problem(f"{source}: no file that ends in {ends} is below this folder")
-    return sorted(found)
-
-
-def opened(path: str) -> BinaryIO:
-    """A regular file, to read; whatever else stands there is refused and never waited for."""
-    try:
-        file = os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb")
-    except (OSError, ValueError) as error:
-        raise Refused(f"{path}: {_why(error)}") from None
-    if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-        file.close()
-        raise Refused(f"{path}: not a regular file")
-    return file
-
-
-def content(path: str, most: int = LARGEST_FILE) -> bytes:
-    """All of a regular file of ordinary size."""
-    with opened(path) as file:
-        try:
-            data = file.read(most + 1)
-        except OSError as error:
-            raise Refused(f"{path}: {_why(error)}") from None
-    if len(data) > most:
-        raise Refused(f"{path}: it has more than {most} bytes, the most that are read")
-    return data
+#: Of a file of drawings, but for its last drawing.
+POINTS_PER_FILE = 500_000
 
 
 def xml_of(path: str) -> ElementTree.Element:
@@ -284,34 +63,42 @@ def convert_iam_ondb(
             if not part:
                 out.leave_out(f"{name}: in none of the lists of parts")
                 continue
-            out.add(f"{name.replace('/', '_')}.inkml", part, read.inks(name, ascii_.get(name, [])), f"form {name}")
+            try:
+                inks = read.inks(name, ascii_.get(name, []))
+            except Refused as error:
+                out.leave_out(f"form {name}: {error}")
+                continue
+            out.add(f"{name.replace('/', '_')}.inkml", part, inks, f"form {name}")
     return out.done
 
 
 class _IamForms:
-    """What the files of IAM-OnDB hold, by name of the form."""
+    """What the files of IAM-OnDB are, by name of the form; points are read again form by form."""
 
     def __init__(self) -> None:
         self.about: dict[str, tuple[str, str, dict[int, str]]] = {}
-        self.lines: dict[str, dict[int, list[Trace]]] = {}
-        self.whole: dict[str, list[Trace]] = {}
-        self.paths: dict[tuple[str, int], str] = {}
+        #: Of the lines by number, of the whole form by None.
+        self.paths: dict[str, dict[int | None, str]] = {}
 
     def take(self, path: str) -> None:
-        """Reads a file: a form, or a line of one."""
+        """Checks a file, a form or a line of one; keeps what is no point."""
         document = xml_of(path)
         stem, folder = os.path.splitext(os.path.basename(path))[0], os.path.basename(os.path.dirname(path))
         form, line = document.find("General/Form"), re.fullmatch(r"(.+)-([0-9]{1,9})", stem)
-        traces = list(_iam_traces(document, path))
+        for _ in _iam_traces(document, path):
+            pass
+        number_of: int | None = None
         if form is None and line is not None:
             name, number_of = line[1], int(line[2])
         else:
             # The file of form a01-001z is a01-001/strokesz.xml.
             own = folder + stem[len("strokes") :] if stem.startswith("strokes") else stem
-            name, number_of = (form.get("id") if form is not None else None) or own, 0
-        other = self.paths.setdefault((name, number_of), path)
+            name = (form.get("id") if form is not None else None) or own
+        # Before the file counts: one that is refused is not read again.
+        writer = hand(form.get("writerID"), f"{path}: writerID") if form is not None else ""
+        other = self.paths.setdefault(name, {}).setdefault(number_of, path)
         if other != path:
-            what = f"line {number_of} of form {name}" if number_of else f"form {name}"
+            what = f"form {name}" if number_of is None else f"line {number_of} of form {name}"
             raise Refused(f"{path}: {what} was read from {other} already")
         if form is not None:
             named: dict[int, str] = {}
@@ -319,26 +106,27 @@ class _IamForms:
                 if known := re.fullmatch(r".*-([0-9]{1,9})", item.get("id", "")):
                     named.setdefault(int(known[1]), item.get("text", ""))
             text = (document.findtext("Transcription/Text") or "").strip()
-            self.about[name] = (hand(form.get("writerID"), f"{path}: writerID"), text, named)
-        if form is None and line is not None:
-            self.lines.setdefault(name, {})[number_of] = traces
-        else:
-            self.whole[name] = traces
+            self.about[name] = (writer, text, named)
 
     def names(self) -> list[str]:
         """The forms, each once."""
-        return sorted({*self.lines, *self.whole})
+        return sorted(self.paths)
 
     def inks(self, name: str, corrected: list[str]) -> list[Ink]:
         """The lines of a form, or where there are none all of it."""
         writer, text, named = self.about.get(name, ("", "", {}))
-        if name not in self.lines:
-            return [Ink(text, writer, self.whole[name])]
+        lines = sorted((at, path) for at, path in self.paths[name].items() if at is not None)
+        if not lines:
+            return [Ink(text, writer, _iam_points(self.paths[name][None]))]
         found = []
-        for at, traces in sorted(self.lines[name].items()):
+        for at, path in lines:
             text = named.get(at) or (corrected[at - 1] if 1 <= at <= len(corrected) else "")
-            found.append(Ink(text, writer, traces))
+            found.append(Ink(text, writer, _iam_points(path)))
         return found
+
+
+def _iam_points(path: str) -> list[Trace]:
+    return list(_iam_traces(xml_of(path), path))
 
 
 def _iam_traces(document: ElementTree.Element, path: str) -> Iterator[Trace]:
@@ -467,12 +255,15 @@ def convert_quickdraw(
         for index, path in enumerate(paths):
             name = os.path.splitext(os.path.basename(path))[0]
             inks: list[Ink] = []
-            part = 0
+            part = points = 0
             for ink in _drawings(path, limit, out):
                 inks.append(ink)
-                if len(inks) == DRAWINGS_PER_FILE:
-                    out.add(f"{index:03}-{name}/{part:05}.inkml", "all", inks, path)
-                    inks, part = [], part + 1
+                points += sum(len(trace.points) for trace in ink.traces)
+                if len(inks) == DRAWINGS_PER_FILE or points >= POINTS_PER_FILE:
+                    added = out.add(f"{index:03}-{name}/{part:05}.inkml", "all", inks, path)
+                    inks, part, points = [], part + 1, 0
+                    if not added:
+                        break
             if inks:
                 out.add(f"{index:03}-{name}/{part:05}.inkml", "all", inks, path)
     return out.done
@@ -508,7 +299,7 @@ def _lines(path: str) -> Iterator[tuple[int, bytes | None]]:
                     rest = file.readline(LONGEST_LINE + 1)
                 yield at, line if len(line) <= LONGEST_LINE or line.endswith(b"\n") else None
         except OSError as error:
-            raise Refused(f"{path}: {_why(error)}") from None
+            raise Refused(f"{path}: {why(error)}") from None
 
 
 def _drawing(line: bytes, where: str) -> Ink:

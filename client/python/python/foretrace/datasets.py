@@ -16,7 +16,8 @@ from typing import Any, Iterator, Sequence as Many, Union
 
 from . import _arrays, _native
 from ._arrays import PATH, PATH_SIZE, SAMPLES, SAMPLES_SIZE, Rows
-from ._convert import Converted, convert_iam_ondb, convert_quickdraw, convert_svc2004
+from ._convert import convert_iam_ondb, convert_quickdraw, convert_svc2004
+from ._ink import Converted
 from ._native import Invalid
 from ._settings import Settings, named
 

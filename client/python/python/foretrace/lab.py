@@ -26,6 +26,7 @@ from dataclasses import dataclass, field
 from typing import Any, Callable, Mapping, NamedTuple, Sequence, Union
 
 from ._arrays import need_numpy
+from ._given import whole
 from ._native import Invalid, OtherVersion, Problem
 from ._settings import Settings, named
 
@@ -235,11 +236,10 @@ def _answer(arm: Any, command: ArmCommand) -> bytes:
             "and perhaps effort"
         ) from None
     effort = [0.0] * JOINTS if answer.effort is None else _joints("effort", answer.effort, command.tick)
-    stamp = command.until_ns if answer.stamp_ns is None else answer.stamp_ns
-    if not (isinstance(stamp, int) and 0 <= stamp <= command.until_ns):
-        raise Invalid(
-            f"the arm's stamp_ns at tick {command.tick} is {str(stamp)[:80]}; legal: 0 to {command.until_ns}, the tick's end"
-        )
+    end = command.until_ns
+    stamp = end if answer.stamp_ns is None else answer.stamp_ns
+    legal = f"0 to {end}, the tick's end"
+    stamp = whole(f"the arm's stamp_ns at tick {command.tick}", stamp, "whole nanoseconds", legal, most=end)
     q, qd = _joints("q", answer.q, command.tick), _joints("qd", answer.qd, command.tick)
     return _message(4, STATE.pack(stamp, command.tick, int(bool(answer.motion_allowed)), 0, *q, *qd, *effort))
 

@@ -6,13 +6,13 @@ nanoseconds of the host's monotonic clock or of a virtual one.
 
 from __future__ import annotations
 
-import operator
 import os
 from collections.abc import Sequence as AbstractSequence
 from dataclasses import dataclass
 from typing import Any, Iterable, Mapping, NamedTuple, Sequence, Union
 
 from . import _native
+from ._given import told, whole
 from ._native import Command, Invalid, Pose, Step, Verdict
 from ._settings import Settings, named
 from .messages import PenStep
@@ -47,32 +47,18 @@ class Joints:
     """`Nm`, `A` or `share` (of the joint's effort limit)."""
 
 
-def _told(value: Any) -> str:
-    """The begin of a foreign value, for a message; Python refuses to write numbers of thousands of digits."""
-    try:
-        return str(value)[:80]
-    except ValueError:
-        return f"a {type(value).__name__} of thousands of digits"
-
-
 def _numbers(name: str, values: Any) -> list[float]:
     if hasattr(values, "tolist"):
         values = values.tolist()
     try:
         return [float(value) for value in values]
     except (TypeError, ValueError, OverflowError):
-        raise Invalid(f"{name} is {_told(values)}; legal: a list of numbers, one per joint") from None
+        raise Invalid(f"{name} is {told(values)}; legal: a list of numbers, one per joint") from None
 
 
 def _stamp(name: str, value: Any, unit: str = " ns") -> int:
-    try:
-        stamp = operator.index(value)
-    except TypeError:
-        kind = "whole nanoseconds, as time.monotonic_ns() gives" if unit else "whole numbers"
-        raise Invalid(f"{name} is {_told(value)}; legal: {kind}") from None
-    if not 0 <= stamp < 1 << 64:
-        raise Invalid(f"{name} is {_told(stamp)}; legal: 0 to 2^64 - 1{unit}")
-    return stamp
+    kind = "whole nanoseconds, as time.monotonic_ns() gives" if unit else "whole numbers"
+    return whole(name, value, kind, f"0 to 2^64 - 1{unit}")
 
 
 def _preview(preview: Any) -> tuple[Any, ...] | None:
@@ -86,7 +72,7 @@ def _preview(preview: Any) -> tuple[Any, ...] | None:
         radii = [] if not rest or rest[0] is None else [float(radius) for radius in rest[0]]
     except (TypeError, ValueError, OverflowError):
         legal = "a step or its index, positions as pairs [m], and perhaps as many radii [m]"
-        raise Invalid(f"preview is {_told(preview)}; legal: {legal}") from None
+        raise Invalid(f"preview is {told(preview)}; legal: {legal}") from None
     return _stamp("preview's step", step.index if isinstance(step, PenStep) else step, ""), points, radii
 
 
@@ -96,7 +82,7 @@ def _reading(reading: Any) -> tuple[Any, ...]:
         sequence = rest[0] if rest else 0
         return _stamp("pen stamp", stamp), float(x), float(y), bool(contact), _stamp("sequence", sequence, "")
     except (TypeError, ValueError, OverflowError):
-        raise Invalid(f"a pen reading is {_told(reading)}; legal: stamp [ns], x [m], y [m], contact") from None
+        raise Invalid(f"a pen reading is {told(reading)}; legal: stamp [ns], x [m], y [m], contact") from None
 
 
 class Follower:
@@ -212,7 +198,7 @@ def _request(request: Any) -> Any:
             return word, value
         if isinstance(value, (int, float)) and not isinstance(value, bool):
             return word, float(value)
-    raise Invalid(f"request is {_told(request)}; {legal}")
+    raise Invalid(f"request is {told(request)}; {legal}")
 
 
 def _triple(name: str, values: Sequence[float]) -> tuple[float, float, float]:

@@ -25,7 +25,8 @@ class PredictorInterface(Closable):
         of a new daemon.
 
         Positions and displacements are in the plane's frame [m]. A step whose `motion` is not `PenMotion.CONTINUES` begins
-        anew: nothing before it belongs to it.
+        anew: nothing before it belongs to it. Nor does a network's memory lead to a step whose `index` is not one more
+        than that of the step before: those between were lost.
         """
         data = self._native.next(timeout)
         return None if data is None else messages.PenStep.from_buffer_copy(data)
@@ -37,14 +38,21 @@ class PredictorInterface(Closable):
             if step is not None:
                 yield step
 
+    @property
+    def lost(self) -> int:
+        """Steps that this program will never see: 256 (2.56 s of them) wait for it, older ones make room."""
+        return self._native.lost
+
     def send(self, step: messages.PenStep | int, positions: Any, radii: Sequence[float] | None = None) -> bool:
         """Sends where the pen will be after `step` (or after the step of this index). Returns whether a daemon heard it.
 
-        `positions`: from `step.wanted` to 64 points (x, y), a list or an array of two columns [m], the first one step
-        later. `radii`: of each, the radius in which the pen is expected in nine of ten cases [m].
+        `positions`: 1 to 64 points (x, y), a list or an array of two columns [m], the first one step later; give
+        `step.wanted`. Fewer than the plan looks at are refused by the daemon, and counted as malformed. `radii`: of each,
+        the radius in which the pen is expected in nine of ten cases [m].
 
-        Raises `Invalid` for numbers that are not finite or another count, `Taken` if another program asked for the place,
-        `NoDaemon`. What the daemon refuses (late, repeated, wild) it counts: `Foretrace.status().external`.
+        Raises `Invalid` for numbers that are not finite or another count than 1 to 64, `Taken` if another program asked
+        for the place, `NoDaemon`. What the daemon refuses (malformed, late, repeated, wild) it counts:
+        `Foretrace.status().external`.
         """
         index = step.index if isinstance(step, messages.PenStep) else _whole("step", step)
         try:

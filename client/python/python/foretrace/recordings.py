@@ -21,8 +21,8 @@ __all__ = [
 WIRE = "foretrace.wire"
 _T = TypeVar("_T")
 MOST_BYTES = 2 << 30
-"""Bytes of a topic, of all pieces or of the pen that are read into memory at most; set it as you like. While
-arrays are made it is twice as much."""
+"""Bytes of a topic, of all pieces, of the pen or of all stops that are read into memory at most; set it as you
+like. While arrays are made it is twice as much."""
 
 
 class RecordingRemark(UserWarning):
@@ -217,7 +217,7 @@ class Recording(AbstractMapping[str, Any]):
     @property
     def stops(self) -> list[Stop]:
         """Every stop that latched in the recording, in order of time. One that its first tick finds is older."""
-        return self._once("stops", lambda: [Stop(**stop) for stop in _native.recording_stops(self.path)])
+        return self._once("stops", lambda: [Stop(**stop) for stop in _native.recording_stops(self.path, MOST_BYTES)])
 
     @property
     def moments(self) -> list[Moment]:

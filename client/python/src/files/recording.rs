@@ -45,32 +45,37 @@ fn recording_info(python: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyDic
 }
 
 /// Bytes that are kept at a time, as many as are allowed.
-struct Room {
+pub(super) struct Room {
     left: u64,
     most: u64,
 }
 
 impl Room {
-    const fn of(most: u64) -> Self {
+    pub(super) const fn of(most: u64) -> Self {
         Self { left: most, most }
     }
 
     /// `bytes` more are kept; `remedy`: what to do where there is no room for them.
-    fn count(&mut self, bytes: usize, remedy: &'static str) -> Result<(), ReadFailure> {
+    pub(super) fn count(&mut self, bytes: usize, remedy: &'static str) -> Result<(), ReadFailure> {
         let most = self.most;
         self.left = self.left.checked_sub(bytes as u64).ok_or(ReadFailure::TooMuch { most, remedy })?;
         Ok(())
     }
 
     /// As [`Self::count`], of `count` entries at the end of `kept`, which then has the memory for them.
-    fn take<T>(&mut self, kept: &mut Vec<T>, count: usize, remedy: &'static str) -> Result<(), ReadFailure> {
+    pub(super) fn take<T>(
+        &mut self,
+        kept: &mut Vec<T>,
+        count: usize,
+        remedy: &'static str,
+    ) -> Result<(), ReadFailure> {
         self.count(count.saturating_mul(size_of::<T>()), remedy)?;
         kept.try_reserve(count).map_err(|_| ReadFailure::TooMuch { most: self.most - self.left, remedy })
     }
 }
 
 /// Why what was asked for is not read.
-enum ReadFailure {
+pub(super) enum ReadFailure {
     File(RecordError),
     /// It is more than `most` bytes.
     TooMuch {
@@ -87,7 +92,7 @@ impl From<RecordError> for ReadFailure {
     }
 }
 
-fn of_read(path: PathBuf) -> impl Fn(ReadFailure) -> PyErr {
+pub(super) fn of_read(path: PathBuf) -> impl Fn(ReadFailure) -> PyErr {
     move |failure| match failure {
         ReadFailure::File(error) => of_record(error),
         ReadFailure::TooMuch { most, remedy } => {
@@ -100,7 +105,7 @@ fn of_read(path: PathBuf) -> impl Fn(ReadFailure) -> PyErr {
 
 const OF_TOPIC: &str = "take every n-th message with topic(name, every=n), or set foretrace.recordings.MOST_BYTES \
                         where there is memory for it";
-const OF_ALL: &str = "set foretrace.recordings.MOST_BYTES where there is memory for it";
+pub(super) const OF_ALL: &str = "set foretrace.recordings.MOST_BYTES where there is memory for it";
 
 /// All messages of one topic.
 struct TopicRows {

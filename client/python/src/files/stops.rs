@@ -2,23 +2,32 @@
 
 use std::path::{Path, PathBuf};
 
-use foretrace_record::RecordError;
 use foretrace_record::explain;
 use foretrace_record::read::{Content, RecordingEntry, RecordingReader};
-use foretrace_shm::{FaultReason, Mode, StopCause, TickRecord};
+use foretrace_shm::{FaultReason, Mode, StopCause, StopDetail};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
 
 use super::failed::of_record;
+use super::recording::{OF_ALL, ReadFailure, Room, of_read};
 use super::values::table;
 use super::work::{StillWanted, apart};
 
-/// A tick in which a stop latched, and its time after the first record \[s\].
-struct LatchedStop(Box<TickRecord>, f64);
+/// What a stop takes as a dict with its text, about.
+const DICT_BYTES: usize = 1024;
 
-fn stops(path: &Path, wanted: &StillWanted) -> Result<Vec<LatchedStop>, RecordError> {
+/// Of a tick in which a stop latched what is told.
+struct LatchedStop {
+    tick: u64,
+    /// After the first record \[s\].
+    after_s: f64,
+    fault: u32,
+    stop: StopDetail,
+}
+
+fn stops(path: &Path, most: u64, wanted: &StillWanted) -> Result<Vec<LatchedStop>, ReadFailure> {
     let mut reader = RecordingReader::open(path)?;
-    let (mut found, mut last, mut begin) = (Vec::new(), None, None);
+    let (mut found, mut last, mut begin, mut room) = (Vec::new(), None, None, Room::of(most));
     let halted = |mode: u32| mode == u32::from(Mode::Stopped) || mode == u32::from(Mode::Fault);
     while wanted.still()
         && let Some(entry) = reader.next_entry()?
@@ -30,7 +39,9 @@ fn stops(path: &Path, wanted: &StillWanted) -> Result<Vec<LatchedStop>, RecordEr
         let is = (halted(tick.mode), tick.fault, tick.stop.at_ns);
         if is.0 && last.is_some_and(|last| last != is) {
             let after_s = tick.release_ns.saturating_sub(begin_ns) as f64 * 1e-9;
-            found.push(LatchedStop(tick, after_s));
+            room.count(DICT_BYTES, OF_ALL)?;
+            room.take(&mut found, 1, OF_ALL)?;
+            found.push(LatchedStop { tick: tick.tick, after_s, fault: tick.fault, stop: tick.stop });
         }
         last = Some(is);
     }
@@ -39,23 +50,24 @@ fn stops(path: &Path, wanted: &StillWanted) -> Result<Vec<LatchedStop>, RecordEr
 
 /// The stops that latched in a recording, in order of time, as dicts.
 #[pyfunction]
-fn recording_stops(python: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyList>> {
-    let found = apart(python, move |wanted| stops(&path, wanted))?.map_err(of_record)?;
+fn recording_stops(python: Python<'_>, path: PathBuf, most: u64) -> PyResult<Bound<'_, PyList>> {
+    let failed = of_read(path.clone());
+    let found = apart(python, move |wanted| stops(&path, most, wanted))?.map_err(failed)?;
     let list = PyList::empty(python);
-    for LatchedStop(tick, after_s) in found {
-        let reason = FaultReason::try_from(tick.fault).map_or("unknown reason", FaultReason::label);
-        let cause = StopCause::try_from(tick.stop.cause).map_or("unknown cause", StopCause::label);
-        let detail = tick.stop.to_string();
+    for LatchedStop { tick, after_s, fault, stop } in found {
+        let reason = FaultReason::try_from(fault).map_or("unknown reason", FaultReason::label);
+        let cause = StopCause::try_from(stop.cause).map_or("unknown cause", StopCause::label);
+        let detail = stop.to_string();
         let text = if detail.is_empty() { reason.to_owned() } else { format!("{reason}; {detail}") };
         list.append(table!(python;
-            "tick" => tick.tick,
+            "tick" => tick,
             "after_s" => after_s,
             "reason" => reason,
             "cause" => cause,
-            "joint" => (tick.stop.joint >= 0).then_some(tick.stop.joint),
-            "amount" => tick.stop.amount,
-            "limit" => tick.stop.limit,
-            "at_ns" => tick.stop.at_ns,
+            "joint" => (stop.joint >= 0).then_some(stop.joint),
+            "amount" => stop.amount,
+            "limit" => stop.limit,
+            "at_ns" => stop.at_ns,
             "text" => text,
         ))?;
     }

@@ -33,6 +33,8 @@ fn open_ports(foretrace: &Foretrace) -> Result<PredictorPorts, ServiceError> {
 #[derive(Default)]
 struct WaitingSteps {
     steps: VecDeque<PenStep>,
+    /// Those that Python will never see: for want of room here, or on the way.
+    lost: u64,
     failure: Option<LiveFailure>,
     over: bool,
 }
@@ -49,12 +51,15 @@ impl StepCollector {
         let (mutex, came) = &*self.queue;
         if let Some((steps, previews)) = self.ports.handle() {
             let mut queue = locked(mutex);
+            let on_the_way = steps.lost();
             steps.drain(|step| {
                 if queue.steps.len() == ROOM {
                     queue.steps.pop_front();
+                    queue.lost += 1;
                 }
                 queue.steps.push_back(*step);
             });
+            queue.lost += steps.lost().saturating_sub(on_the_way);
             if !queue.steps.is_empty() {
                 came.notify_all();
             }
@@ -148,6 +153,12 @@ impl PredictorHandle {
             Ok::<_, LiveFailure>(previews.send(base_index, &positions, &radii)?)
         };
         Ok(self.worker.call(py, PATIENCE, job)??)
+    }
+
+    /// Steps that were never given out.
+    #[getter]
+    fn lost(&self) -> u64 {
+        locked(&self.queue.0).lost
     }
 
     fn handed_to(&self, py: Python<'_>) -> PyResult<Option<String>> {
