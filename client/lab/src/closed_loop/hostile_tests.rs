@@ -84,7 +84,8 @@ fn stretched(preview: ExternalPreview, way: f64) -> ExternalPreview {
 }
 
 /// What is sent instead of the truth, by the number of the step.
-const FAMILIES: [(&str, Spoil); 18] = [
+const FAMILIES: [(&str, Spoil); 19] = [
+    ("the truth", |_, _, honest| Some(honest)),
     ("random", |_, rng, honest| Some(spoiled(honest, |_, at| at.map(|x| x + rng.random_range(-0.05..0.05))))),
     ("random within the bound", |_, rng, honest| {
         let [mut walk, ..] = honest.positions;
@@ -198,17 +199,17 @@ fn whatever_a_hostile_process_sends_costs_at_most_a_tenth_behind_the_ur5() {
         assert!(sent.get() > 100, "{} previews", sent.get());
         rms / fallback
     };
-    let honest = beside(|_, _, honest| Some(honest));
-    println!("{ticks} ticks, fallback {:.3} mm; the truth: {honest:.3} of it", fallback * 1e3);
-    assert!(honest < 0.95, "{honest}");
+    println!("{ticks} ticks, fallback {:.3} mm", fallback * 1e3);
     println!("true for two seconds, then a lie of a fifth, again and again: {:.3}", beside(betrayed));
-    let mut too_much = Vec::new();
+    let (mut too_much, mut moved) = (Vec::new(), 0);
     for (name, spoil) in FAMILIES {
         let ratio = beside(spoil);
         println!("{name}: {ratio:.3}");
+        moved += u32::from((ratio - 1.0).abs() > 1e-3);
         if !(ratio <= 1.10) {
             too_much.push((name, ratio));
         }
     }
     assert!(too_much.is_empty(), "{too_much:?}");
+    assert!(moved >= 8, "the arm went its own way beside {moved} families only: they had no part");
 }
