@@ -57,6 +57,7 @@ pub struct MethodOutcome {
 }
 
 /// One method with its tuning on the arm with this index, over all its hands.
+#[derive(Debug)]
 pub(super) struct MethodTask {
     pub(super) arm: usize,
     pub(super) rival: Rival,
@@ -168,11 +169,11 @@ impl Benchmark<'_> {
         self.arms.iter().map(|(arm, hands)| (*arm, hands.iter().map(named).collect())).collect()
     }
 
-    /// Why the law refuses the settings of `task`, if it does.
+    /// Why the law refuses the settings of `task`, if it does. Starts no program.
     pub(super) fn refusal(&self, task: &MethodTask) -> Option<BenchError> {
         let (arm, hands) = self.arms.get(task.arm)?;
         let job = Job { rival: task.rival, tuning: &task.tuning, arm: *arm, hand: hands.first()? };
-        self.desk(&job).err()
+        self.desk_with(&job, |_| Ok(None)).err()
     }
 
     fn hand(&self, job: &Job<'_>) -> Result<Vec<Option<SequenceScore>>, BenchError> {
@@ -205,6 +206,15 @@ impl Benchmark<'_> {
     }
 
     fn desk(&self, job: &Job<'_>) -> Result<Box<dyn Desk>, BenchError> {
+        self.desk_with(job, |step_ns| self.process(job, step_ns))
+    }
+
+    /// With the other program that `process` starts for steps of so many nanoseconds.
+    fn desk_with(
+        &self,
+        job: &Job<'_>,
+        process: impl FnOnce(u64) -> Result<Option<OtherPredictor>, BenchError>,
+    ) -> Result<Box<dyn Desk>, BenchError> {
         let wrong = |error: &dyn std::fmt::Display| BenchError::Settings(error.to_string());
         let arm = self.flaws.of(job.arm.kind(self.config));
         let facts = arm.facts();
@@ -241,7 +251,7 @@ impl Benchmark<'_> {
         // The one that stands in learns beside the other program.
         let learns = if kind == PredictorKind::EXTERNAL { settings.preview.fallback } else { kind };
         let learner = learner_for(self.config, &settings, learns).map_err(|error| wrong(&error))?;
-        let process = self.process(job, settings.pen.step_ns)?;
+        let process = process(settings.pen.step_ns)?;
         let arm = arm.built(self.config.robot().home);
         let options = DeskOptions { arm, oracle: kind == PredictorKind::ORACLE, learner, process };
         Ok(desk(horizon, &settings, options).map_err(|error| wrong(&error))?)

@@ -25,7 +25,7 @@ pub mod pictures;
 
 pub use arm::{BenchArm, Flaws};
 pub use job::{BenchError, Benchmark, HandNames, MethodOutcome};
-pub use pareto::ParetoPoint;
+pub use pareto::{ParetoPoint, ParetoSweep};
 pub use rival::{Rival, UnknownRival};
 pub use score::{BenchRow, Each, SequenceScore, rows};
 pub use sensitivity::{NumberEffect, half_and_double};
