@@ -1,4 +1,4 @@
-"""Judges the 90 % bands of `mixture` by split conformal prediction: judge.py PROGRAM SET SCRATCH.
+"""Judges the 50 and 90 % bands of `mixture` by split conformal prediction: judge.py PROGRAM SET SCRATCH.
 
 Predictions are `foretrace lab leadtime`'s own, with every bit, from the file of its only shard; true positions come from the points that
 --export-targets writes, and are worked out here. crepes fits its radii to the errors on the part `train`, one group per look-ahead time, with
@@ -20,10 +20,11 @@ import sys
 import numpy
 from crepes import ConformalRegressor
 
-CONFIDENCE = 0.9
+# Shares that bands promise [%].
+PROMISED = [50, 90]
 # A share that is counted twice from the same numbers may differ by targets that lie on the circle itself [%].
 COUNT_OFF = 0.05
-# Bands that promise 90 % and learn while they are scored [%].
+# Bands that learn while they are scored, beside what they promise [%].
 OURS_OFF = 5.0
 # The times of exported points have six decimals.
 ERROR_OFF = 1e-4
@@ -79,19 +80,18 @@ def run(program, *words):
 
 
 def conformal(train, test):
-    """crepes' radii for the targets of `test`, and its own figure of their coverage by look-ahead time [%]."""
-    radii, coverage = numpy.empty(len(test.errors)), {}
+    """crepes' radii for the targets of `test` by share, and its own figures of their coverage by share and look-ahead time [%]."""
+    radii, coverage = {share: numpy.empty(len(test.errors)) for share in PROMISED}, {}
     for lead in sorted(set(test.leads)):
         here, there = train.leads == lead, test.leads == lead
         regressor = ConformalRegressor()
         regressor.fit(residuals=train.errors[here], sigmas=train.steps[here])
         zero = numpy.zeros(there.sum())
-        bounds = regressor.predict_int(zero, sigmas=test.steps[there], confidence=CONFIDENCE)
-        radii[there] = bounds[:, 1]
-        judged = regressor.evaluate(
-            zero, y=test.errors[there], sigmas=test.steps[there], confidence=CONFIDENCE, metrics=["error"],
-        )
-        coverage[lead] = 100.0 * (1.0 - judged["error"])
+        for share in PROMISED:
+            asked = {"sigmas": test.steps[there], "confidence": share / 100.0}
+            radii[share][there] = regressor.predict_int(zero, **asked)[:, 1]
+            judged = regressor.evaluate(zero, y=test.errors[there], metrics=["error"], **asked)
+            coverage[share, lead] = 100.0 * (1.0 - judged["error"])
     return radii, coverage
 
 
@@ -103,29 +103,32 @@ def main() -> int:
     with theirs.open("w", newline="") as out:
         table = csv.writer(out)
         table.writerow(["file", "segment", "t", "lead", "x", "y", "r50", "r90"])
-        for row, (x, y), radius in zip(test.targets, test.predicted, radii):
+        for row, *numbers in zip(test.targets, *test.predicted.T, *(radii[share] for share in PROMISED)):
             name = [row["file"], row["segment"], row["t"], row["lead"]]
-            table.writerow([*name, repr(float(x)), repr(float(y)), repr(float(radius) / 2), repr(float(radius))])
+            table.writerow([*name, *(repr(float(number)) for number in numbers)])
     result = test.place / "board.json"
     names = f"mixture,file:{theirs}"
     run(program, *test.common, "--models", names, "--out", str(test.place), "--json", str(result))
     ours, lab = (lane["leads"] for lane in json.loads(result.read_text())["sets"][0]["models"])
     problems = []
-    print(f"{folder.name}: {len(test.targets)} targets of the part test; coverage of 90 % bands [%]; mean radius [as `lab leadtime`]")
-    print("lead [ms]   mixture   crepes   crepes, counted by the lab   radius: mixture   crepes")
+    print(f"{folder.name}: {len(test.targets)} targets of the part test; coverage of bands [%]; mean radius [as `lab leadtime`]")
+    print("lead [ms]   band   mixture   crepes   crepes, counted by the lab   radius: mixture   crepes")
     for our, their in zip(ours, lab):
         lead = our["lead_ms"]
-        if lead not in coverage or our["coverage_90"] is None:
+        if (PROMISED[0], lead) not in coverage or our["coverage_90"] is None:
             continue
-        print(f"{lead:>9} {our['coverage_90']:>9.1f} {coverage[lead]:>8.1f} {their['coverage_90']:>28.1f} "
-              f"{our['radius_90']:>17.3f} {their['radius_90']:>8.3f}")
-        if abs(their["coverage_90"] - coverage[lead]) > COUNT_OFF:
-            problems.append(f"{lead} ms: the lab counts {their['coverage_90']:.2f} % of crepes' bands, crepes {coverage[lead]:.2f} %")
-        if abs(our["coverage_90"] - 100.0 * CONFIDENCE) > OURS_OFF:
-            problems.append(f"{lead} ms: our bands hold {our['coverage_90']:.1f} %")
+        for share in PROMISED:
+            covered, counted = our[f"coverage_{share}"], their[f"coverage_{share}"]
+            # The lab has the mean radius of the wide ones.
+            wide = f"{our['radius_90']:>17.3f} {their['radius_90']:>8.3f}" if share == 90 else ""
+            print(f"{lead:>9} {share:>6} {covered:>9.1f} {coverage[share, lead]:>8.1f} {counted:>28.1f} {wide}")
+            if abs(counted - coverage[share, lead]) > COUNT_OFF:
+                problems.append(f"{lead} ms: the lab counts {counted:.2f} % of crepes' {share} % bands, crepes {coverage[share, lead]:.2f} %")
+            if abs(covered - share) > OURS_OFF:
+                problems.append(f"{lead} ms: our {share} % bands hold {covered:.1f} %")
         # Millimetres, or whatever the board's unit is, per raw unit.
         there = test.leads == lead
-        unit = their["radius_90"] / radii[there].mean()
+        unit = their["radius_90"] / radii[90][there].mean()
         here = unit * math.sqrt((test.errors[there] ** 2).mean())
         if abs(here - our["rms"]) > ERROR_OFF * our["rms"]:
             problems.append(f"{lead} ms: the error is {our['rms']}, worked out here {here}")

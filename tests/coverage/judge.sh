@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# crepes (conformal prediction) judges the 90 % error bands of `mixture`: tests/coverage/judge.sh [FOLDER...]. FOLDER: data sets with the parts
+# crepes (conformal prediction) judges the 50 and 90 % error bands of `mixture`: tests/coverage/judge.sh [FOLDER...]. FOLDER: data sets with the parts
 # train and test (default: a generated set). Makes a Python environment from PyPI in FORETRACE_COVERAGE_VENV (default: a scratch folder); where
 # it cannot be had, says so and leaves with 0. FORETRACE is the program (default: built here).
 set -euo pipefail

@@ -9,6 +9,7 @@
 
 pub mod against;
 mod part;
+mod dice;
 mod table;
 mod workload;
 mod evidence;
@@ -32,6 +33,7 @@ use foretrace_failure::Failure;
 use foretrace_sim::path::PenPath;
 use serde::Serialize;
 
+use dice::BenchDice;
 pub use evidence::EvidenceCost;
 pub use lag::LagCost;
 pub use part::BenchPart;
@@ -276,10 +278,9 @@ fn predicting<const N: usize>(
 /// can predict.
 fn interleaved<T>(problems: &[T], samples: u32, mut solve: impl FnMut(Solver, &T) -> f64) -> CostRow {
     let mut times = [const { Vec::new() }; 3];
-    let mut dice = 0x9e37_79b9_7f4a_7c15_u64;
+    let mut dice = BenchDice::new();
     for round in 0..samples as usize {
-        dice = dice.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        let problem = &problems[(dice >> 33) as usize % problems.len()];
+        let problem = &problems[dice.place(problems.len())];
         for turn in 0..SOLVERS.len() {
             let solver = SOLVERS[(turn + round) % SOLVERS.len()];
             times[solver as usize].push(solve(solver, problem));

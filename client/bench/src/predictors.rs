@@ -16,6 +16,7 @@ use foretrace_control::predict::models::lstm::{LstmSpec, LstmTensors};
 use foretrace_control::predict::{AnyPredictor, Lstm, LstmWeights, MAX_PREVIEW, PredictorKind};
 use serde::Serialize;
 
+use crate::dice::BenchDice;
 use crate::online;
 use crate::workload::Workload;
 use crate::{CostQuantiles, cost, elapsed_us};
@@ -113,10 +114,9 @@ const HAVE_ROWS: [PredictorKind; 6] = [
 /// Weights within ±0.5, like those of a trained network.
 fn made_up(spec: LstmSpec) -> Result<Arc<LstmWeights>, foretrace_control::predict::LstmError> {
     let mut tensors = LstmTensors::zero(spec.hidden, spec.leads);
-    let mut dice = 0x9e37_79b9_7f4a_7c15_u64;
+    let mut dice = BenchDice::new();
     for value in tensors.all_mut().into_iter().flatten() {
-        dice = dice.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        *value = (dice >> 33) as f64 / (1_u64 << 31) as f64 - 0.5;
+        *value = dice.next() as f64 / BenchDice::BOUND as f64 - 0.5;
     }
     LstmWeights::new(spec, tensors).map(Arc::new)
 }

@@ -41,7 +41,7 @@ pub(crate) struct BenchArgs {
     part: Vec<BenchPart>,
 
     /// Compare with this other foretrace: both in turn, every part and round in fresh processes, who begins
-    /// alternating; prints ratios of medians, other over this, with 95 % intervals
+    /// alternating; prints ratios of medians, other over this, with 95 % intervals from 6 rounds on
     #[arg(long, value_name = "BINARY")]
     against: Option<PathBuf>,
 
@@ -71,6 +71,12 @@ fn patience(text: &str) -> Result<f64, String> {
 }
 
 pub(crate) fn run(args: &BenchArgs) -> Result<(), Failure> {
+    for part in BenchPart::ALL {
+        if args.part.iter().filter(|named| **named == part).count() > 1 {
+            let what = format_args!("part {} is named twice (--part)", part.name());
+            return Err(Failure::usage(what, "name each part once"));
+        }
+    }
     args.json.claim()?;
     if cfg!(debug_assertions) {
         note!(
@@ -78,6 +84,7 @@ pub(crate) fn run(args: &BenchArgs) -> Result<(), Failure> {
              --bin foretrace -- bench`, or the installed program"
         );
     }
+    crate::interrupt::ends_at_once()?;
     let config = configured(&args.settings)?;
     if let Some(other) = &args.against {
         return against(args, other);

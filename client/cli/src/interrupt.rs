@@ -1,12 +1,15 @@
-//! Ctrl-C, SIGTERM and SIGHUP as a flag that loops look at. A second Ctrl-C ends the program at once.
+//! Ctrl-C, SIGTERM and SIGHUP: as a flag that loops look at, or as the end of the program at once. A second
+//! Ctrl-C ends it at once anyway.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use signal_hook::iterator::Signals;
 
 use crate::failure::{Cause, Failure};
+use crate::output::note;
 
 /// Set once the user wants the program to end.
 #[derive(Debug, Clone)]
@@ -41,4 +44,26 @@ impl Interrupt {
     pub(crate) fn check(&self) -> Result<(), Failure> {
         if self.is_set() { Err(Failure::new(Cause::Interrupted, "interrupted", "")) } else { Ok(()) }
     }
+}
+
+/// For commands that only compute, run other programs and write files: Ctrl-C, SIGTERM or SIGHUP ends them at
+/// once, without half-written files, and with the programs that they run.
+pub(crate) fn ends_at_once() -> Result<(), Failure> {
+    let refused = |error: std::io::Error| {
+        Failure::failed(
+            format_args!("cannot listen to Ctrl-C: {error}"),
+            "free some memory, threads or files",
+        )
+    };
+    let mut signals = Signals::new([SIGINT, SIGTERM, SIGHUP]).map_err(refused)?;
+    let ends = move || {
+        if signals.forever().next().is_some() {
+            foretrace_sim::whole::give_up();
+            foretrace_sim::children::end_all();
+            note!("foretrace: interrupted");
+            std::process::exit(i32::from(Cause::Interrupted as u8));
+        }
+    };
+    std::thread::Builder::new().name("foretrace-signals".to_owned()).spawn(ends).map_err(refused)?;
+    Ok(())
 }

@@ -1,4 +1,4 @@
-//! The distribution of a duration: fixed memory, quantiles to three digits.
+//! The distribution of a duration, in fixed memory, quantiles to three digits; and the median of any numbers.
 
 use hdrhistogram::Histogram;
 use serde::Serialize;
@@ -76,9 +76,27 @@ impl DurationHistogram {
     }
 }
 
+/// Median (mean of the middle two where there are two); `None` without values or with one that is NaN.
+#[must_use]
+pub fn median(values: impl IntoIterator<Item = f64>) -> Option<f64> {
+    let mut sorted: Vec<f64> = values.into_iter().collect();
+    sorted.sort_by(f64::total_cmp);
+    let half = sorted.len() / 2;
+    let upper = *sorted.get(half)?;
+    let middle = if sorted.len() % 2 == 1 { upper } else { 0.5 * (upper + sorted.get(half - 1)?) };
+    sorted.last().filter(|largest| !largest.is_nan()).map(|_| middle)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_median_of_an_even_count_lies_between_the_two_in_the_middle_and_one_of_nan_is_none() {
+        assert_eq!(median([3.0, 1.0, 2.0]), Some(2.0));
+        assert_eq!(median([4.0, 1.0, 2.0, 3.0]), Some(2.5));
+        assert_eq!((median([]), median([1.0, f64::NAN, 2.0])), (None, None));
+    }
 
     #[test]
     fn quantiles_of_a_thousand_equal_steps() {

@@ -1,5 +1,7 @@
 //! Sets and runs of the lab: generated, fetched by hand and checked, and the folder that a run leaves.
 
+use std::fs::Permissions;
+use std::os::unix::fs::PermissionsExt as _;
 use std::path::Path;
 
 use foretrace_tests::{World, assert_refused, shared_data, told};
@@ -69,6 +71,20 @@ fn every_run_has_a_folder_of_its_own_that_tells_how_to_repeat_it() {
     std::fs::write(&ink, format!("{text}.COMMENT changed\n")).unwrap();
     assert_ne!(sums(&[])[1], usual[1]);
 
+    // Pictures that cannot be drawn cost no result, and a place that cannot be written no work.
+    std::fs::create_dir_all(world.file("blocked/leadtime.svg/x")).unwrap();
+    std::fs::set_permissions(world.file("blocked"), Permissions::from_mode(0o777)).unwrap();
+    let (blocked, result) = (world.file("blocked"), world.file("kept.json"));
+    let [blocked, result] = [blocked, result].map(|path| path.display().to_string());
+    let out = world.run_plain(&[&words[..], &["--out", &blocked, "--json", &result]].concat());
+    assert!(!out.status.success(), "{}", told(&out));
+    assert!(json_of(Path::new(&result))["standings"][0]["model"].is_string());
+    let file = world.write("file", "");
+    let result = world.file("none.json").display().to_string();
+    let out = world.run_plain(&[&words[..], &["--out", &format!("{file}/out"), "--json", &result]].concat());
+    assert!(!out.status.success() && told(&out).contains("--out DIR"), "{}", told(&out));
+    assert!(!told(&out).contains("hold") && !Path::new(&result).exists(), "{}", told(&out));
+
     // A run without a result leaves no folder.
     assert_refused(&world.run_plain(&["lab", "fig3", "--data", "ink", "--label", "Q"]), 5, &["Q"]);
     assert_eq!(names(&below), runs);
@@ -128,7 +144,7 @@ fn copied(from: &Path, to: &Path) {
 fn sets_as_they_were_measured_get_the_table_of_the_results() {
     let world = World::new(PROGRAM);
     for name in ["unipen-ced", "unipen-tos", "pendigits-orig", "character-trajectories"] {
-        let Some(shared) = shared_data(name) else { return };
+        let Some(shared) = shared_data(name) else { continue };
         let folder = world.file(name);
         copied(&shared, &folder);
         let words = ["lab", "fetch", name, "--check", folder.to_str().unwrap(), "--json", "-"];

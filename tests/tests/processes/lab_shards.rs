@@ -219,6 +219,17 @@ fn the_closed_loop_from_shards_is_that_of_the_whole() {
         }
         assert_eq!(merged.0, whole.0);
         assert!(merged.1 == whole.1 && merged.2 == whole.2, "{count} shards");
+        // What was merged can be told again, and with which settings.
+        let [of_whole, of_merge] = ["whole", &format!("merged-{count}")].map(|out| {
+            let text = std::fs::read(world.file(&format!("{out}/run.json"))).unwrap();
+            serde_json::from_slice::<Value>(&text).unwrap()
+        });
+        let summed: Vec<_> = list(&of_merge["data"]);
+        let names: Vec<&str> = summed.iter().filter_map(|sum| sum["folder"].as_str()).collect();
+        assert_eq!(names, files, "{of_merge}");
+        assert!(summed.iter().all(|sum| sum["sha256"].is_string()), "{of_merge}");
+        assert!(of_merge["cwd"].is_string() && of_merge["settings_values_sha256"].is_string());
+        assert_eq!(of_merge["settings_values_sha256"], of_whole["settings_values_sha256"]);
     }
 }
 

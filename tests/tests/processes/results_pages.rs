@@ -1,4 +1,5 @@
-//! Every command of the lab on the pages of results runs, on sets that the built-in writer wrote.
+//! The commands of the lab on the pages of results run, cut short, on sets that the built-in writer wrote:
+//! all but `fetch`, which is about published files, and without models of other programs.
 
 use foretrace_tests::{World, told};
 

@@ -1,12 +1,17 @@
 //! One of the two programs: its greeting, and a bench of it in a process of its own.
 
 use std::fs::File;
-use std::io::Read as _;
+use std::io::Write as _;
+use std::os::unix::fs::FileExt as _;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, ExitStatus, Stdio};
+use std::process::{Command, ExitStatus, Stdio};
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 
 use foretrace_failure::Failure;
+use foretrace_sim::children::GroupChild;
+use foretrace_sim::sha256::sha256_of_file;
+use foretrace_sim::whole;
 
 use crate::BenchPart;
 
@@ -21,7 +26,9 @@ const FORETRACE: &str = "give the path of a foretrace program (--against BINARY)
 /// A program that said that it is foretrace.
 #[derive(Debug)]
 pub(super) struct BenchProgram {
+    /// Of the file itself: nothing else is looked for, and a link that is turned elsewhere changes nothing.
     path: PathBuf,
+    sha256: String,
     version: String,
     knows_parts: bool,
 }
@@ -29,6 +36,8 @@ pub(super) struct BenchProgram {
 impl BenchProgram {
     /// Asks it for its version and its options.
     pub(super) fn greeted(path: &Path) -> Result<Self, Failure> {
+        let path = &path.canonicalize().map_err(|error| unstarted(path, &error))?;
+        let sha256 = sha256_of_file(path).map_err(|error| unstarted(path, &error))?;
         let version = asked(path, &["--version"])?;
         let version = version.lines().next().unwrap_or_default();
         let Some(version) = version.strip_prefix("foretrace ").filter(|rest| !rest.is_empty()) else {
@@ -37,11 +46,15 @@ impl BenchProgram {
         };
         let version = version.split(',').next().unwrap_or(version).to_owned();
         let knows_parts = asked(path, &["bench", "--help"])?.contains("--part ");
-        Ok(Self { path: path.to_owned(), version, knows_parts })
+        Ok(Self { path: path.clone(), sha256, version, knows_parts })
     }
 
-    pub(super) fn path(&self) -> impl std::fmt::Display {
-        self.path.display()
+    pub(super) fn path(&self) -> &Path {
+        &self.path
+    }
+
+    pub(super) fn sha256(&self) -> &str {
+        &self.sha256
     }
 
     pub(super) fn version(&self) -> &str {
@@ -50,6 +63,15 @@ impl BenchProgram {
 
     pub(super) const fn knows_parts(&self) -> bool {
         self.knows_parts
+    }
+
+    /// Refuses a program that was built anew or replaced in the meantime: its cells are of two programs.
+    pub(super) fn unchanged(&self) -> Result<(), Failure> {
+        if sha256_of_file(&self.path).is_ok_and(|sum| sum == self.sha256) {
+            return Ok(());
+        }
+        let what = format!("{} changed while it was measured", self.path.display());
+        Err(Failure::failed(what, "compare copies that nothing builds anew"))
     }
 
     /// Runs one bench in a fresh process; what it printed, which `file` then has, too.
@@ -65,26 +87,16 @@ impl BenchProgram {
         words.extend(options.iter().cloned());
         words.extend(part.into_iter().flat_map(|part| ["--part".to_owned(), part.name().to_owned()]));
         words.extend(["--json".to_owned(), "-".to_owned()]);
-        // Only whole results get the name.
-        let [out, err] = ["out.part", "err.part"].map(|end| file.with_extension(end));
-        let printed = finished(&self.path, &words, patience, [&out, &err]);
-        let kept = printed.and_then(|(status, words, complaint)| {
-            if !status.success() {
-                let last = complaint.trim_end().lines().last().map_or_else(String::new, said);
-                let what = format!("{place}: it ended with {status}{last}");
-                return Err(Failure::failed(what, "run that bench alone to see why"));
-            }
-            std::fs::rename(&out, file).map_err(|error| unwritable(file, &error))?;
-            Ok(words)
-        });
-        for rest in [&out, &err] {
-            // Gone already where it was renamed.
-            let _ = std::fs::remove_file(rest);
+        let placed = |failure: Failure| Failure { what: format!("{place}: {}", failure.what), ..failure };
+        let (status, printed, complaint) = finished(&self.path, &words, patience).map_err(placed)?;
+        if !status.success() {
+            let last = complaint.trim_end().lines().last().map_or_else(String::new, said);
+            let what = format!("{place}: it ended with {status}{last}");
+            return Err(Failure::failed(what, "run that bench alone to see why"));
         }
-        kept.map_err(|failure| match failure.what.starts_with(place) {
-            true => failure,
-            false => Failure { what: format!("{place}: {}", failure.what), ..failure },
-        })
+        let kept = whole::write(file, |out| out.write_all(printed.as_bytes()));
+        kept.map_err(|error| placed(unwritable(file, "--out DIR", &error)))?;
+        Ok(printed)
     }
 }
 
@@ -95,37 +107,15 @@ fn said(line: &str) -> String {
 /// What a program prints in answer to a question about itself.
 fn asked(path: &Path, words: &[&str]) -> Result<String, Failure> {
     let words: Vec<String> = words.iter().map(|word| (*word).to_owned()).collect();
-    let scratch = GreetingFolder::new()?;
-    let files = [scratch.0.join("out"), scratch.0.join("err")];
-    let (status, printed, _) =
-        finished(path, &words, GREETING, [&files[0], &files[1]]).map_err(|failure| {
-            let what = format!("{} {}: {}", path.display(), words.join(" "), failure.what);
-            Failure { what, remedy: FORETRACE.to_owned(), ..failure }
-        })?;
+    let (status, printed, _) = finished(path, &words, GREETING).map_err(|failure| {
+        let what = format!("{} {}: {}", path.display(), words.join(" "), failure.what);
+        Failure { what, remedy: FORETRACE.to_owned(), ..failure }
+    })?;
     if !status.success() {
         let what = format!("{} is not foretrace: {} ended with {status}", path.display(), words.join(" "));
         return Err(Failure::bad_input(what, FORETRACE));
     }
     Ok(printed)
-}
-
-/// A folder of this process, removed with its handle.
-struct GreetingFolder(PathBuf);
-
-impl GreetingFolder {
-    fn new() -> Result<Self, Failure> {
-        static COUNT: std::sync::atomic::AtomicU32 = std::sync::atomic::AtomicU32::new(0);
-        let count = COUNT.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
-        let folder = std::env::temp_dir().join(format!("foretrace-against-{}-{count}", std::process::id()));
-        std::fs::create_dir(&folder).map_err(|error| unwritable(&folder, &error))?;
-        Ok(Self(folder))
-    }
-}
-
-impl Drop for GreetingFolder {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0);
-    }
 }
 
 /// Runs a program to its end: how it ended, what it printed, what it complained about.
@@ -135,53 +125,72 @@ fn finished(
     path: &Path,
     words: &[String],
     patience: Duration,
-    [out, err]: [&Path; 2],
 ) -> Result<(ExitStatus, String, String), Failure> {
-    let open = |file: &Path| File::create(file).map_err(|error| unwritable(file, &error));
-    let (stdout, stderr) = (open(out)?, open(err)?);
-    let child = Command::new(path)
-        .args(words)
-        .stdin(Stdio::null())
-        .stdout(Stdio::from(stdout))
-        .stderr(Stdio::from(stderr))
-        .spawn()
-        .map_err(|error| {
-            Failure::bad_input(format!("{} cannot be started: {error}", path.display()), FORETRACE)
-        })?;
-    let status = ended(child, patience)?;
-    Ok((status, read(out)?, read(err)?))
+    let (out, err) = (Printed::new()?, Printed::new()?);
+    let mut command = Command::new(path);
+    command.args(words).stdin(Stdio::null()).stdout(out.writer()?).stderr(err.writer()?);
+    let mut child = GroupChild::start(&mut command).map_err(|error| unstarted(path, &error))?;
+    let began = Instant::now();
+    while !child.has_ended(LOOK, LOOK) {
+        if out.overflows() || err.overflows() {
+            return Err(too_much());
+        }
+        if began.elapsed() >= patience {
+            let what = format!("no end within {:.1} s, so it was killed", patience.as_secs_f64());
+            return Err(Failure::failed(what, "raise --cell-limit, or see why it hangs"));
+        }
+    }
+    let status = child.end().ok_or_else(|| Failure::failed("it cannot be waited for", ""))?;
+    if out.overflows() || err.overflows() {
+        return Err(too_much());
+    }
+    Ok((status, out.text()?, err.text()?))
 }
 
-fn ended(mut child: Child, patience: Duration) -> Result<ExitStatus, Failure> {
-    let began = Instant::now();
-    loop {
-        match child.try_wait() {
-            Ok(Some(status)) => return Ok(status),
-            Ok(None) if began.elapsed() < patience => std::thread::sleep(LOOK),
-            Ok(None) => {
-                // It may have ended this moment, which is as good.
-                let _ = child.kill();
-                let _ = child.wait();
-                let what = format!("no end within {:.1} s, so it was killed", patience.as_secs_f64());
-                return Err(Failure::failed(what, "raise --cell-limit, or see why it hangs"));
-            }
-            Err(error) => return Err(Failure::failed(format!("it cannot be waited for: {error}"), "")),
-        }
+fn too_much() -> Failure {
+    let what = format!("it prints more than {MOST_BYTES} bytes, so it was killed");
+    Failure::bad_input(what, "compare with a foretrace whose `bench --json -` prints a result")
+}
+
+/// Where a process prints to: a file without a name, which goes with the last process that has it.
+struct Printed(File);
+
+impl Printed {
+    fn new() -> Result<Self, Failure> {
+        static COUNT: AtomicU32 = AtomicU32::new(0);
+        let count = COUNT.fetch_add(1, Ordering::Relaxed);
+        let path = std::env::temp_dir().join(format!("foretrace-against-{}-{count}", std::process::id()));
+        let file = File::options().read(true).write(true).create_new(true).open(&path);
+        let file = file.and_then(|file| std::fs::remove_file(&path).map(|()| file));
+        file.map(Self).map_err(|error| unwritable(&path, "TMPDIR", &error))
+    }
+
+    fn writer(&self) -> Result<Stdio, Failure> {
+        let unshared = |error| Failure::failed(format_args!("no more files can be open: {error}"), "");
+        Ok(Stdio::from(self.0.try_clone().map_err(unshared)?))
+    }
+
+    fn overflows(&self) -> bool {
+        self.0.metadata().is_ok_and(|about| about.len() > MOST_BYTES)
+    }
+
+    fn text(&self) -> Result<String, Failure> {
+        let unread = |error| Failure::failed(format_args!("what it printed cannot be read: {error}"), "");
+        let length = self.0.metadata().map_err(unread)?.len().min(MOST_BYTES);
+        let mut bytes = vec![0; length as usize];
+        self.0.read_exact_at(&mut bytes, 0).map_err(unread)?;
+        Ok(String::from_utf8_lossy(&bytes).into_owned())
     }
 }
 
-fn read(file: &Path) -> Result<String, Failure> {
-    let mut bytes = Vec::new();
-    let read = File::open(file).and_then(|file| file.take(MOST_BYTES).read_to_end(&mut bytes));
-    read.map_err(|error| Failure::failed(format!("{} cannot be read: {error}", file.display()), ""))?;
-    Ok(String::from_utf8_lossy(&bytes).into_owned())
+fn unstarted(path: &Path, error: &std::io::Error) -> Failure {
+    Failure::bad_input(format!("{} cannot be started: {error}", path.display()), FORETRACE)
 }
 
-fn unwritable(file: &Path, error: &std::io::Error) -> Failure {
-    Failure::failed(
-        format!("{} cannot be written: {error}", file.display()),
-        "give a writable folder (--out DIR)",
-    )
+/// `what` names the folder for it.
+fn unwritable(file: &Path, what: &str, error: &std::io::Error) -> Failure {
+    let remedy = format!("give a writable folder ({what})");
+    Failure::failed(format!("{} cannot be written: {error}", file.display()), remedy)
 }
 
 /// The beginning of a line, for a message.

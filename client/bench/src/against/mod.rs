@@ -2,7 +2,8 @@
 //!
 //! Contract: who begins alternates by round. What each process printed is kept as it is. A row is the median
 //! over rounds of a cell's p50; ratios are the other program's over this one's, with an interval by bootstrap
-//! over rounds. Whatever a program does instead of measuring is an error that names it, round and part.
+//! over rounds; too few of these give none. Whatever a program does instead of measuring is an error that
+//! names it, round and part. None outlives this one.
 
 mod child;
 mod ratio;
@@ -15,9 +16,10 @@ use foretrace_failure::Failure;
 use serde::Serialize;
 
 use crate::BenchPart;
+use crate::dice::BenchDice;
 use child::BenchProgram;
 pub use ratio::RowRatio;
-use ratio::{CONFIDENCE, ComparedRows, RESAMPLES, SEED, compared};
+use ratio::{CONFIDENCE, ComparedRows, RESAMPLES, ROUNDS_MIN, compared};
 use rows::BenchCell;
 
 /// What to measure, and how.
@@ -74,6 +76,8 @@ struct RanCell {
 #[derive(Debug, Serialize)]
 struct NamedProgram {
     program: PathBuf,
+    /// SHA-256 of its file, the same before and after.
+    sha256: String,
     version: String,
     optimised_build: bool,
 }
@@ -114,13 +118,15 @@ pub fn compare(plan: &AgainstPlan<'_>, mut done: impl FnMut(u32)) -> Result<Benc
     let programs = [BenchProgram::greeted(this)?, BenchProgram::greeted(other)?];
     let parts = parts_of_both(&programs, plan.parts)?;
     let (mut cells, mut ran): ([Vec<BenchCell>; 2], Vec<RanCell>) = Default::default();
+    let mut problem = None;
     for round in 0..plan.rounds {
         let mut found = [BenchCell::default(), BenchCell::default()];
         for part in &parts {
             for side in BenchSide::order(round) {
                 let name = part.map_or(WHOLE, BenchPart::name);
                 let file = format!("round-{:03}-{name}-{}.json", round + 1, side.name());
-                let place = format!("{}, round {}, part {name}", programs[side as usize].path(), round + 1);
+                let place =
+                    format!("{}, round {}, part {name}", programs[side as usize].path().display(), round + 1);
                 let began = Instant::now();
                 let printed = programs[side as usize].bench(
                     plan.options,
@@ -129,7 +135,8 @@ pub fn compare(plan: &AgainstPlan<'_>, mut done: impl FnMut(u32)) -> Result<Benc
                     &plan.folder.join(&file),
                     &place,
                 )?;
-                found[side as usize].take_in(&printed, &place)?;
+                // Said at once: the rest may take hours.
+                same_problem(&mut problem, found[side as usize].take_in(&printed, &place)?)?;
                 let wall_s = began.elapsed().as_secs_f64();
                 ran.push(RanCell { round: round + 1, part: name, side, file, wall_s });
             }
@@ -139,10 +146,12 @@ pub fn compare(plan: &AgainstPlan<'_>, mut done: impl FnMut(u32)) -> Result<Benc
         }
         done(round + 1);
     }
-    let [horizon, samples] = same_problem(&cells)?;
+    programs.iter().try_for_each(BenchProgram::unchanged)?;
+    let [horizon, samples] = problem.unwrap_or_default();
     let ComparedRows { rows, only_this, only_other, not_every_round } = compared(&cells);
     let [this, other] = [BenchSide::This, BenchSide::Other].map(|side| NamedProgram {
-        program: plan.programs[side as usize].to_owned(),
+        program: programs[side as usize].path().to_owned(),
+        sha256: programs[side as usize].sha256().to_owned(),
         version: programs[side as usize].version().to_owned(),
         optimised_build: cells[side as usize].iter().all(BenchCell::optimised),
     });
@@ -159,7 +168,7 @@ pub fn compare(plan: &AgainstPlan<'_>, mut done: impl FnMut(u32)) -> Result<Benc
         samples,
         confidence: CONFIDENCE,
         resamples: RESAMPLES,
-        seed: SEED,
+        seed: BenchDice::SEED,
         options: plan.options.to_vec(),
         rows,
         only_this,
@@ -178,27 +187,22 @@ fn parts_of_both(
         return Ok(wanted.iter().copied().map(Some).collect());
     };
     if wanted.len() < BenchPart::ALL.len() {
-        let what = format!("{} cannot time parts of the bench alone", without.path());
+        let what = format!("{} cannot time parts of the bench alone", without.path().display());
         return Err(Failure::usage(what, "leave --part out: then a cell is a whole bench"));
     }
     Ok(vec![None])
 }
 
-/// Steps of the plan and instances per row, the same in all cells.
-fn same_problem(cells: &[Vec<BenchCell>; 2]) -> Result<[u64; 2], Failure> {
-    let mut problems = cells.iter().flatten().map(BenchCell::problem);
-    let first = problems.next().unwrap_or_default();
-    match problems.find(|other| *other != first) {
-        None => Ok(first),
-        Some([horizon, samples]) => {
-            let what = format!(
-                "the two measured different problems: plans of {} steps and {} instances, and of {horizon} steps and \
-                 {samples} instances",
-                first[0], first[1]
-            );
-            Err(Failure::bad_input(what, "set what differs for both, for example --set mpc.horizon=20"))
-        }
+/// Refuses steps of the plan and instances per row that are not those of the first cell.
+fn same_problem(first: &mut Option<[u64; 2]>, found: [u64; 2]) -> Result<(), Failure> {
+    let first = *first.get_or_insert(found);
+    if first == found {
+        return Ok(());
     }
+    let [one, other] =
+        [first, found].map(|[steps, samples]| format!("{steps} steps and {samples} instances"));
+    let what = format!("the two measured different problems: plans of {one}, and of {other}");
+    Err(Failure::bad_input(what, "set what differs for both, for example --set mpc.horizon=20"))
 }
 
 impl BenchComparison {
@@ -220,9 +224,11 @@ impl BenchComparison {
         let width = self.rows.iter().map(|row| row.row.chars().count()).max().unwrap_or(0);
         lines.push(format!("{:<width$} {:>10} {:>10} {:>8}   interval", "", "this", "other", "ratio"));
         for RowRatio { row, this_us, other_us, ratio, low, high } in &self.rows {
-            lines.push(format!(
-                "{row:<width$} {this_us:>10.3} {other_us:>10.3} {ratio:>8.3}   {low:.3} to {high:.3}"
-            ));
+            let interval = match (low, high) {
+                (Some(low), Some(high)) => format!("{low:.3} to {high:.3}"),
+                _ => "too few rounds".to_owned(),
+            };
+            lines.push(format!("{row:<width$} {this_us:>10.3} {other_us:>10.3} {ratio:>8.3}   {interval}"));
         }
         for (side, rows) in [("this", &self.only_this), ("other", &self.only_other)] {
             lines.extend(rows.iter().map(|row| format!("{row}: only {side} has it")));
@@ -237,6 +243,9 @@ impl BenchComparison {
         let mut remarks = Vec::new();
         if self.cells.iter().any(|cell| cell.part == WHOLE) {
             remarks.push("one of the two cannot time parts alone: a cell is a whole bench\n".to_owned());
+        }
+        if self.rounds < ROUNDS_MIN as u32 {
+            remarks.push(format!("an interval needs {ROUNDS_MIN} rounds (--rounds)\n"));
         }
         if self.this.optimised_build != self.other.optimised_build {
             let quick = if self.this.optimised_build { "other" } else { "this" };

@@ -2,15 +2,18 @@
 
 use std::collections::BTreeMap;
 
+use foretrace_sim::spread::median;
 use serde::Serialize;
 
 use super::rows::BenchCell;
+use crate::dice::BenchDice;
 
 /// Share of the bootstraps inside an interval.
 pub(super) const CONFIDENCE: f64 = 0.95;
 pub(super) const RESAMPLES: u32 = 2000;
-/// Fixed, so that the same cells give the same interval.
-pub(super) const SEED: u64 = 0x9e37_79b9_7f4a_7c15;
+/// The interval needs so many rounds. The widest that bootstraps of n rounds can be, least to largest ratio,
+/// misses the median of all rounds with probability 2^(1 - n): of five, more often than one in twenty.
+pub(super) const ROUNDS_MIN: usize = 6;
 
 /// One row of both.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -21,8 +24,9 @@ pub struct RowRatio {
     pub other_us: f64,
     /// Other over this: above 1, this program is faster.
     pub ratio: f64,
-    pub low: f64,
-    pub high: f64,
+    /// The interval around it; `null` with fewer than 6 rounds, which say too little for one.
+    pub low: Option<f64>,
+    pub high: Option<f64>,
 }
 
 /// Rows that were looked at.
@@ -69,31 +73,27 @@ fn rounds_of(cells: &[BenchCell]) -> BTreeMap<String, Vec<f64>> {
 ///
 /// Source: Efron and Tibshirani 1993, An Introduction to the Bootstrap, section 13.3 (percentile interval).
 fn ratio(row: String, this: &[f64], other: &[f64]) -> RowRatio {
-    let mut dice = SEED;
+    let [this_us, other_us] = [this, other].map(|rounds| median(rounds.iter().copied()).unwrap_or(f64::NAN));
+    let [low, high] = interval(this, other).map_or([None; 2], |ends| ends.map(Some));
+    RowRatio { row, this_us, other_us, ratio: other_us / this_us, low, high }
+}
+
+fn interval(this: &[f64], other: &[f64]) -> Option<[f64; 2]> {
+    if this.len() < ROUNDS_MIN {
+        return None;
+    }
+    let mut dice = BenchDice::new();
     let mut ratios: Vec<f64> = (0..RESAMPLES)
         .map(|_| {
-            let drawn: Vec<usize> = this.iter().map(|_| next(&mut dice) % this.len()).collect();
-            let of = |rounds: &[f64]| median(drawn.iter().map(|round| rounds[*round]).collect());
+            let drawn: Vec<usize> = this.iter().map(|_| dice.place(this.len())).collect();
+            let of = |rounds: &[f64]| median(drawn.iter().map(|round| rounds[*round])).unwrap_or(f64::NAN);
             of(other) / of(this)
         })
         .collect();
     ratios.sort_by(f64::total_cmp);
-    let at = |share: f64| ratios[(share * (ratios.len() - 1) as f64).round() as usize];
+    let at = |share: f64| ratios.get((share * (ratios.len() - 1) as f64).round() as usize).copied();
     let tail = (1.0 - CONFIDENCE) / 2.0;
-    let (this_us, other_us) = (median(this.to_vec()), median(other.to_vec()));
-    RowRatio { row, this_us, other_us, ratio: other_us / this_us, low: at(tail), high: at(1.0 - tail) }
-}
-
-fn next(dice: &mut u64) -> usize {
-    *dice = dice.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-    (*dice >> 33) as usize
-}
-
-/// The middle one, or the mean of the two in the middle.
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    let half = values.len() / 2;
-    if values.len() % 2 == 1 { values[half] } else { f64::midpoint(values[half - 1], values[half]) }
+    Some([at(tail)?, at(1.0 - tail)?])
 }
 
 #[cfg(test)]
@@ -101,16 +101,28 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_median_of_an_even_count_lies_between_the_two_in_the_middle() {
-        assert_eq!(median(vec![4.0, 1.0, 2.0, 100.0]), 3.0);
-        assert_eq!(median(vec![4.0, 1.0, 2.0]), 2.0);
+    fn equal_rounds_leave_no_doubt_and_the_ratio_is_the_others_over_ours() {
+        let row = ratio("ik".to_owned(), &[2.0; 6], &[3.0; 6]);
+        assert_eq!((row.this_us, row.other_us, row.ratio), (2.0, 3.0, 1.5));
+        assert_eq!((row.low, row.high), (Some(1.5), Some(1.5)));
     }
 
+    /// What is called 95 % holds the truth that often: the median of a wide lot from which rounds are drawn.
     #[test]
-    fn equal_rounds_leave_no_doubt_and_the_ratio_is_the_others_over_ours() {
-        let row = ratio("ik".to_owned(), &[2.0; 5], &[3.0; 5]);
-        assert_eq!((row.this_us, row.other_us, row.ratio), (2.0, 3.0, 1.5));
-        assert_eq!((row.low, row.high), (1.5, 1.5));
+    fn intervals_hold_the_truth_as_often_as_they_say_and_fewer_rounds_have_none() {
+        let few = ratio("few".to_owned(), &[1.0; 5], &[1.0, 2.0, 3.0, 4.0, 5.0]);
+        assert_eq!((few.ratio, few.low, few.high), (3.0, None, None));
+        let mut dice = BenchDice::new();
+        for (rounds, least) in [(6, 0.93), (10, 0.93)] {
+            let holds = (0..400).filter(|_| {
+                let other: Vec<f64> =
+                    (0..rounds).map(|_| 1.0 + dice.next() as f64 / BenchDice::BOUND as f64).collect();
+                let row = ratio("row".to_owned(), &vec![1.0; rounds], &other);
+                row.low.unwrap() <= 1.5 && 1.5 <= row.high.unwrap()
+            });
+            let share = holds.count() as f64 / 400.0;
+            assert!(share > least, "{share} of {rounds} rounds");
+        }
     }
 
     /// Rounds in which the whole machine was slow say nothing about the two.
@@ -119,9 +131,11 @@ mod tests {
         let slow: Vec<f64> = (1..=10).map(f64::from).collect();
         let twice: Vec<f64> = slow.iter().map(|us| 2.0 * us).collect();
         let shared = ratio("shared".to_owned(), &slow, &twice);
-        assert!((shared.low - 2.0).abs() < 1e-12 && (shared.high - 2.0).abs() < 1e-12, "{shared:?}");
+        let ends = |row: &RowRatio| [row.low.unwrap(), row.high.unwrap()];
+        assert!(ends(&shared).iter().all(|end| (end - 2.0).abs() < 1e-12), "{shared:?}");
         let alone = ratio("alone".to_owned(), &[5.5; 10], &slow);
-        assert!(alone.low < 0.8 && alone.high > 1.2 && alone.low <= alone.ratio, "{alone:?}");
+        let [low, high] = ends(&alone);
+        assert!(low < 0.8 && high > 1.2 && low <= alone.ratio, "{alone:?}");
         assert_eq!(alone, ratio("alone".to_owned(), &[5.5; 10], &slow));
     }
 

@@ -12,14 +12,12 @@ use super::child::cut;
 pub(super) struct BenchCell {
     /// Medians by row \[µs\].
     rows: BTreeMap<String, f64>,
-    horizon: u64,
-    samples: u64,
     quick_build: bool,
 }
 
 impl BenchCell {
-    /// Adds what a process printed; `place` says which.
-    pub(super) fn take_in(&mut self, printed: &str, place: &str) -> Result<(), Failure> {
+    /// Adds what a process printed; `place` says which. Steps of its plans and instances per row.
+    pub(super) fn take_in(&mut self, printed: &str, place: &str) -> Result<[u64; 2], Failure> {
         let wrong = |why: &str| {
             let what = format!("{place}: it printed no result of a bench ({why}): {:?}", cut(printed.trim()));
             Failure::bad_input(what, "compare with a foretrace whose `bench --json -` prints one")
@@ -27,7 +25,7 @@ impl BenchCell {
         let report: Value = serde_json::from_str(printed).map_err(|error| wrong(&error.to_string()))?;
         let number =
             |key: &str| report.get(key).and_then(Value::as_u64).ok_or_else(|| wrong(&format!("no {key}")));
-        (self.horizon, self.samples) = (number("horizon")?, number("samples")?);
+        let problem = [number("horizon")?, number("samples")?];
         let optimised = report.get("optimised_build").and_then(Value::as_bool);
         self.quick_build |= !optimised.ok_or_else(|| wrong("no optimised_build"))?;
         let before = self.rows.len();
@@ -35,16 +33,11 @@ impl BenchCell {
         if self.rows.len() == before {
             return Err(wrong("no row with a p50"));
         }
-        Ok(())
+        Ok(problem)
     }
 
     pub(super) const fn rows(&self) -> &BTreeMap<String, f64> {
         &self.rows
-    }
-
-    /// Steps of the plan, instances per row.
-    pub(super) const fn problem(&self) -> [u64; 2] {
-        [self.horizon, self.samples]
     }
 
     pub(super) const fn optimised(&self) -> bool {
@@ -81,14 +74,14 @@ fn collect(name: &str, value: &Value, rows: &mut BTreeMap<String, f64>) {
 mod tests {
     use super::*;
 
-    fn taken(text: &str) -> Result<BenchCell, Failure> {
+    fn taken(text: &str) -> Result<(BenchCell, [u64; 2]), Failure> {
         let mut cell = BenchCell::default();
-        cell.take_in(text, "p, round 1, part plan").map(|()| cell)
+        cell.take_in(text, "p, round 1, part plan").map(|problem| (cell, problem))
     }
 
     #[test]
     fn every_median_is_a_row_named_by_the_way_to_it() {
-        let cell = taken(
+        let (cell, problem) = taken(
             r#"{"horizon": 20, "samples": 50, "optimised_build": true, "clock_us": 0.02,
             "ik_us": {"exact": {"p50": 1.5, "p99": 2}, "clarabel": {"p50": 20, "p99": 30}},
             "step_by_predictor_us": [{"predictor": "dybm", "any": {"p50": 3, "p99": 4}, "new_weights": {"p50": null, "p99": null}}],
@@ -106,7 +99,7 @@ mod tests {
                 ("step_by_predictor_us.dybm.any", 3.0),
             ]
         );
-        assert_eq!((cell.problem(), cell.optimised()), ([20, 50], true));
+        assert_eq!((problem, cell.optimised()), ([20, 50], true));
     }
 
     #[test]

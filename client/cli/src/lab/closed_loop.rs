@@ -13,9 +13,9 @@ use foretrace_lab::closed_loop::{
 use foretrace_lab::shards::{ClosedLoopRun, Shard, closed_loop_part, digest, files_digest, own_hands};
 use foretrace_sim::data::Split;
 use foretrace_sim::path::Lift;
-use serde_json::json;
+use serde_json::{Value, json};
 
-use super::lab_run::LabRun;
+use super::lab_run::{LabRun, SettingsSums};
 use super::law::named_number;
 use super::progress::StepProgress;
 use super::shards::ShardArgs;
@@ -166,6 +166,7 @@ pub(super) fn run(args: &ClosedLoopArgs) -> Result<(), Failure> {
     if let Some(shard) = args.shard.shard {
         return write_shard(args, shard, &config, (rivals, law), (title, arms));
     }
+    lab_run.try_folder()?;
     let benchmark = Benchmark { config: &config, arms, rivals, flaws: args.flaws(), law };
     if args.pareto {
         return pareto(args, &title, &benchmark, &lab_run);
@@ -173,17 +174,23 @@ pub(super) fn run(args: &ClosedLoopArgs) -> Result<(), Failure> {
     let progress = StepProgress::of("lab closed-loop", benchmark.jobs());
     let outcomes = benchmark.run(|| progress.step()).map_err(|error| Failure::failed(error, ""))?;
     drop(progress);
-    let heading = show(&title, &outcomes, &lab_run)?;
-    let letters = pictures::letters(&lab_run.folder()?, &heading, &benchmark, &outcomes)?;
-    letters.iter().for_each(|file| say_picture(file));
-    lab_run.finish(Some(&config))?;
     let names = args.each.then(|| benchmark.names());
     let each = names.as_ref().map(|names| MethodOutcome::each(names, &outcomes).collect());
-    write(&args.json, &title, &args.lifts, &outcomes, each)
+    let result = result(&title, &args.lifts, &outcomes, each);
+    let (out, heading) = show(&title, &outcomes, &lab_run, &args.json, &result)?;
+    let letters = pictures::letters(&out, &heading, &benchmark, &outcomes)?;
+    letters.iter().for_each(|file| say_picture(file));
+    lab_run.finish(SettingsSums::of(&config))
 }
 
-/// The table and the distributions of errors; returns the heading of pictures.
-pub(super) fn show(title: &str, outcomes: &[MethodOutcome], lab_run: &LabRun) -> Result<String, Failure> {
+/// The table, the result as JSON and the distributions of errors; returns folder and heading of pictures.
+pub(super) fn show(
+    title: &str,
+    outcomes: &[MethodOutcome],
+    lab_run: &LabRun,
+    json: &JsonArgs,
+    result: &Value,
+) -> Result<(PathBuf, String), Failure> {
     let rows = MethodOutcome::table(outcomes);
     if rows.is_empty() {
         return Err(nothing(title));
@@ -192,26 +199,24 @@ pub(super) fn show(title: &str, outcomes: &[MethodOutcome], lab_run: &LabRun) ->
     say!("{title}: {sequences} sequences\n");
     say_lines(table_lines(&rows));
     let heading = format!("{title}, {sequences} sequences");
-    let out = lab_run.folder()?;
-    folder(&out)?;
+    let out = lab_run.keep(json, result)?;
     say!("");
     say_picture(&pictures::distributions(&out, &heading, outcomes)?);
-    Ok(heading)
+    Ok((out, heading))
 }
 
 /// The result as JSON, with every sequence where that was asked for.
-pub(super) fn write(
-    json: &JsonArgs,
+pub(super) fn result(
     title: &str,
     lifts: &str,
     outcomes: &[MethodOutcome],
     each: Option<Vec<Each<'_>>>,
-) -> Result<(), Failure> {
+) -> Value {
     let mut result = json!({ "set": title, "lifts": lifts, "rows": MethodOutcome::table(outcomes) });
     if let Some(each) = each {
         result["sequences"] = json!(each);
     }
-    json.write(&result)
+    result
 }
 
 /// Writes the shard's hands, and what the merge needs.
@@ -255,11 +260,10 @@ fn pareto(
     benchmark: &Benchmark<'_>,
     lab_run: &LabRun,
 ) -> Result<(), Failure> {
-    for refused in benchmark.pareto_refused() {
-        note!("lab: left out: {refused}");
-    }
-    let progress = StepProgress::of("lab closed-loop", benchmark.pareto_jobs());
-    let points = benchmark.pareto(|| progress.step()).map_err(|error| Failure::failed(error, ""))?;
+    let sweep = benchmark.pareto_sweep();
+    sweep.refused.iter().for_each(|refused| note!("lab: left out: {refused}"));
+    let progress = StepProgress::of("lab closed-loop", sweep.jobs);
+    let points = benchmark.pareto(sweep, || progress.step()).map_err(|error| Failure::failed(error, ""))?;
     drop(progress);
     if points.is_empty() {
         return Err(nothing(title));
@@ -270,23 +274,16 @@ fn pareto(
     for ParetoPoint { method, arm, label, rms_m, rms_jerk, .. } in &points {
         say!("{method:<wide$} {arm:<8} {label:<34} {:>9.3} {rms_jerk:>10.1}", rms_m * 1e3);
     }
-    let out = lab_run.folder()?;
-    folder(&out)?;
+    let result = json!({ "set": title, "lifts": args.lifts, "pareto": points });
+    let out = lab_run.keep(&args.json, &result)?;
     say!("");
     say_picture(&pictures::pareto(&out, title, &points)?);
-    lab_run.finish(Some(benchmark.config))?;
-    args.json.write(&json!({ "set": title, "lifts": args.lifts, "pareto": points }))
+    lab_run.finish(SettingsSums::of(benchmark.config))
 }
 
 fn nothing(title: &str) -> Failure {
     let what = format_args!("{title}: nothing in this part can be scored");
     Failure::bad_input(what, "give a set with handwriting in it, or another part (--split)")
-}
-
-fn folder(out: &Path) -> Result<(), Failure> {
-    std::fs::create_dir_all(out).map_err(|error| {
-        Failure::bad_input(format_args!("{}: {error}", out.display()), "give a folder (--out)")
-    })
 }
 
 /// What every arm writes, and its name.

@@ -7,6 +7,7 @@ use foretrace_control::predict::{Needs, PredictorKind};
 use foretrace_lab::experiments::{LawEntrant, fig2, fig2_entrant, fig2_json, fig2_names, fig3};
 use serde_json::json;
 
+use super::lab_run::SettingsSums;
 use super::progress::StepProgress;
 use super::{Experiment, LabArgs, say_picture};
 use crate::failure::Failure;
@@ -42,9 +43,9 @@ impl Experiment {
         drop(progress);
         say!("{}\n", self.title);
         say_lines(figure.lines());
-        say_drawn(figure.draw(&self.run.folder()?, &self.letters, &self.title)?);
-        self.run.finish(Some(&self.config))?;
-        args.json.write(&fig2_json(&figure, self.letters.len()))
+        let out = self.run.keep(&args.json, &fig2_json(&figure, self.letters.len()))?;
+        say_drawn(figure.draw(&out, &self.letters, &self.title)?);
+        self.run.finish(SettingsSums::of(&self.config))
     }
 
     pub(super) fn fig3(&self, args: &Fig3Args) -> Result<(), Failure> {
@@ -65,9 +66,7 @@ impl Experiment {
         say!("jerk in the ramp         {:.3} of the largest outside (median)", figure.max_jerk_ratio);
         say!("step of the error        {:.3} of the largest outside (median)", figure.irregularity);
         say!("ramps unnoticed          {:.0} %", figure.unnoticed * 100.0);
-        say_drawn(figure.draw(&self.run.folder()?, kind, &self.title)?);
-        self.run.finish(Some(&self.config))?;
-        args.json.write(&json!({
+        let result = json!({
             "fig3": {
                 "predictor": kind.name(),
                 "max_jerk_ratio": figure.max_jerk_ratio,
@@ -75,7 +74,9 @@ impl Experiment {
                 "unnoticed": figure.unnoticed,
                 "letters": figure.letters.len(),
             }
-        }))
+        });
+        say_drawn(figure.draw(&self.run.keep(&args.json, &result)?, kind, &self.title)?);
+        self.run.finish(SettingsSums::of(&self.config))
     }
 
     /// The named ones; without names, all that the settings have a network for.

@@ -10,7 +10,7 @@ use foretrace_lab::shards::{LeadRun, SetRun, Shard, brought, lead_part, owned};
 use foretrace_sim::data::{DataSet, Split};
 use serde_json::json;
 
-use super::lab_run::LabRun;
+use super::lab_run::{LabRun, SettingsSums};
 use super::progress::StepProgress;
 use super::shards::ShardArgs;
 use super::{say_picture, shards, table};
@@ -68,6 +68,9 @@ pub(super) fn run(args: &LeadtimeArgs) -> Result<(), Failure> {
     let lab_run = LabRun::begin(NAME, &data, args.out.as_deref(), &args.json)?;
     let entrants = entrants(args.models.as_deref())?;
     let exports = args.export_targets.as_deref();
+    if exports.is_none() && args.shard.shard.is_none() {
+        lab_run.try_folder()?;
+    }
     let mut sets = Vec::new();
     for folder in &args.data {
         let split = match &args.split {
@@ -187,13 +190,12 @@ pub(super) fn show(
     if standings.iter().any(|standing| standing.sets < boards.len()) {
         note!("lab: standings over different sets do not compare");
     }
-    let file = draw(&lab_run.folder()?, boards)?;
-    say!("");
-    say_picture(&file);
-    lab_run.finish(None)?;
     let mut result = json!({ "sets": boards, "standings": standings });
     if each {
         result["sequences"] = json!(boards.iter().flat_map(Board::each).collect::<Vec<_>>());
     }
-    json.write(&result)
+    let file = draw(&lab_run.keep(json, &result)?, boards)?;
+    say!("");
+    say_picture(&file);
+    lab_run.finish(SettingsSums::default())
 }

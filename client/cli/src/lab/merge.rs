@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use foretrace_lab::closed_loop::MethodOutcome;
 use foretrace_lab::shards::{MergeError, MergedLeads, MergedLoop, MergedTable, command_of};
 
-use super::lab_run::LabRun;
+use super::lab_run::{LabRun, SettingsSums};
 use super::{closed_loop, evaluate, leadtime, table1};
 use crate::failure::Failure;
 use crate::output::{JsonArgs, note, note_results};
@@ -29,28 +29,28 @@ pub(crate) struct MergeArgs {
 }
 
 pub(super) fn run(args: &MergeArgs) -> Result<(), Failure> {
-    let lab_run = LabRun::begin_merge(args.out.as_deref(), &args.json)?;
+    let lab_run = LabRun::begin_merge(&args.files, args.out.as_deref(), &args.json)?;
     let wrong = |error: MergeError| Failure::bad_input(error, "");
     let MergeArgs { files, out, json } = args;
     let command = command_of(files).map_err(wrong)?;
     // That one draws nothing.
-    if let Some(out) = out
-        && command != evaluate::NAME
-    {
-        note_results(out);
+    if command != evaluate::NAME {
+        lab_run.try_folder()?;
+        out.iter().for_each(|out| note_results(out));
     }
     match command.as_str() {
         closed_loop::NAME => {
             let merged = MergedLoop::of(files).map_err(wrong)?;
             let MergedLoop { run, arms, outcomes } = &merged;
-            closed_loop::show(&run.set, outcomes, &lab_run)?;
-            lab_run.finish(None)?;
+            let each = run.each.then(|| MethodOutcome::each(arms, outcomes).collect());
+            let result = closed_loop::result(&run.set, &run.lifts, outcomes, each);
+            closed_loop::show(&run.set, outcomes, &lab_run, json, &result)?;
+            lab_run.finish(SettingsSums::of_values(&run.settings))?;
             note!(
                 "lab: the pictures of single letters need the recordings: the same command without --shard \
                  makes them"
             );
-            let each = run.each.then(|| MethodOutcome::each(arms, outcomes).collect());
-            closed_loop::write(json, &run.set, &run.lifts, outcomes, each)
+            Ok(())
         }
         table1::NAME => {
             let MergedTable { run, set, scored } = MergedTable::of(files).map_err(wrong)?;

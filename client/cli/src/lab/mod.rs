@@ -26,10 +26,9 @@ use foretrace_lab::experiments::{Labels, Letter, letters};
 use foretrace_sim::data::{DataSet, Split};
 use foretrace_sim::path::{Anchor, Layout, Placement};
 use foretrace_sim::source::Workspace;
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
-use signal_hook::iterator::Signals;
 
-use crate::failure::{Cause, Failure};
+use crate::failure::Failure;
+use crate::interrupt::ends_at_once;
 use crate::output::{JsonArgs, note, say};
 use crate::settings::SettingsArgs;
 use crate::units::UnitArgs;
@@ -166,28 +165,6 @@ pub(crate) fn run(command: &LabCommand) -> Result<(), Failure> {
     }
 }
 
-/// For commands that only compute and write files: Ctrl-C, SIGTERM or SIGHUP ends them at once, without
-/// half-written files.
-fn ends_at_once() -> Result<(), Failure> {
-    let refused = |error: std::io::Error| {
-        Failure::failed(
-            format_args!("cannot listen to Ctrl-C: {error}"),
-            "free some memory, threads or files",
-        )
-    };
-    let mut signals = Signals::new([SIGINT, SIGTERM, SIGHUP]).map_err(refused)?;
-    let ends = move || {
-        if signals.forever().next().is_some() {
-            foretrace_sim::whole::give_up();
-            foretrace_lab::process::end_all();
-            note!("foretrace: interrupted");
-            std::process::exit(i32::from(Cause::Interrupted as u8));
-        }
-    };
-    std::thread::Builder::new().name("foretrace-signals".to_owned()).spawn(ends).map_err(refused)?;
-    Ok(())
-}
-
 /// Says which picture was made.
 fn say_picture(file: &Path) {
     say!("picture  {}", file.display());
@@ -219,6 +196,7 @@ struct Experiment {
 impl Experiment {
     fn prepare(command: &str, args: &LabArgs) -> Result<Self, Failure> {
         let run = lab_run::LabRun::begin(command, &[&args.data], args.out.as_deref(), &args.json)?;
+        run.try_folder()?;
         let config = args.settings.load()?;
         let wrong = |error: &dyn std::fmt::Display| {
             Failure::bad_input(error, "give a data-set folder (--data) and a label in it (--label)")

@@ -9,7 +9,7 @@ use foretrace_lab::prediction::{
 use foretrace_sim::data::Split;
 use serde_json::json;
 
-use super::lab_run::LabRun;
+use super::lab_run::{LabRun, SettingsSums};
 use super::progress::StepProgress;
 use super::say_picture;
 use super::shards::ShardArgs;
@@ -91,6 +91,9 @@ pub(super) fn run(args: &Table1Args) -> Result<(), Failure> {
     }
     // Wrong names are reported before anything is loaded or trained.
     let mut models = if shipped.is_empty() { Vec::new() } else { table::models(&shipped.join(","))? };
+    if args.shard.shard.is_none() {
+        lab_run.try_folder()?;
+    }
     let set = table::load(&args.data, &Split::test(), false, args.strict, &args.unit)?;
     for (index, name) in names.iter().enumerate() {
         if let Some(cells) = cells_to_train(args, name) {
@@ -119,15 +122,14 @@ pub(super) fn show(
         json["by_label"] = json!({ "labels": symbols.rows, "correlations": symbols.correlations });
     }
     say!("{FOOTER}");
-    let out = lab_run.folder()?;
+    let out = lab_run.keep(to, &json)?;
     let file = tables::draw(&out, "table1.svg", "Table 1: predicting the pen", set, &scored.rows)?;
     say!("");
     say_picture(&file);
     if let Some(file) = symbols.map(|symbols| symbols.draw(&out, set)).transpose()?.flatten() {
         say_picture(&file);
     }
-    lab_run.finish(None)?;
-    to.write(&json)
+    lab_run.finish(SettingsSums::default())
 }
 
 /// The models asked for, in order.

@@ -58,6 +58,7 @@ pub struct MethodOutcome {
 }
 
 /// One method with its tuning on the arm with this index, over all its hands.
+#[derive(Debug)]
 pub(super) struct MethodTask {
     pub(super) arm: usize,
     pub(super) rival: Rival,
@@ -169,11 +170,11 @@ impl Benchmark<'_> {
         self.arms.iter().map(|(arm, hands)| (*arm, hands.iter().map(named).collect())).collect()
     }
 
-    /// Why the law refuses the settings of `task`, if it does.
+    /// Why the law refuses the settings of `task`, if it does. Starts no program.
     pub(super) fn refusal(&self, task: &MethodTask) -> Option<BenchError> {
         let (arm, hands) = self.arms.get(task.arm)?;
         let job = Job { rival: task.rival, tuning: &task.tuning, arm: *arm, hand: hands.first()? };
-        self.desk(&job).err()
+        self.desk_with(&job, |_| Ok(None)).err()
     }
 
     fn hand(&self, job: &Job<'_>) -> Result<Vec<Option<SequenceScore>>, BenchError> {

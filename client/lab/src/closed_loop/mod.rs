@@ -27,7 +27,7 @@ mod hostile_tests;
 
 pub use arm::{BenchArm, Flaws};
 pub use job::{BenchError, Benchmark, HandNames, MethodOutcome};
-pub use pareto::ParetoPoint;
+pub use pareto::{ParetoPoint, ParetoSweep};
 pub use rival::{Rival, UnknownRival};
 pub use score::{BenchRow, Each, SequenceScore, rows};
 pub use sensitivity::{NumberEffect, half_and_double};

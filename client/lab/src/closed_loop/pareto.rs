@@ -91,20 +91,23 @@ pub(super) fn soften(settings: &mut FollowerSettings<JOINTS>, ceiling: f64, damp
     }
 }
 
-impl Benchmark<'_> {
-    /// How often [`Self::pareto`] reports.
-    #[must_use]
-    pub fn pareto_jobs(&self) -> usize {
-        let hands = |arm| self.arms.get(arm).map_or(0, |(_, hands): &(BenchArm, Vec<_>)| hands.len());
-        self.points().iter().map(|(task, _)| hands(task.arm)).sum()
-    }
+/// The points of a sweep, each with its label.
+#[derive(Debug)]
+pub struct ParetoSweep {
+    points: Vec<(MethodTask, String)>,
+    /// Those that are left out, each with the law's reason.
+    pub refused: Vec<String>,
+    /// How often [`Benchmark::pareto`] reports.
+    pub jobs: usize,
+}
 
+impl Benchmark<'_> {
     /// Sweeps every method on every arm; calls `done` after each hand.
     ///
     /// # Errors
     /// The first sequence that could not be run.
-    pub fn pareto(&self, done: impl FnMut()) -> Result<Vec<ParetoPoint>, BenchError> {
-        let (tasks, labels): (Vec<_>, Vec<_>) = self.points().into_iter().unzip();
+    pub fn pareto(&self, sweep: ParetoSweep, done: impl FnMut()) -> Result<Vec<ParetoPoint>, BenchError> {
+        let (tasks, labels): (Vec<_>, Vec<_>) = sweep.points.into_iter().unzip();
         let scores = self.all(&tasks, done)?;
         let scored = tasks.iter().zip(labels).zip(scores);
         let point = |((task, label), scores): ((&MethodTask, String), Vec<_>)| {
@@ -122,24 +125,25 @@ impl Benchmark<'_> {
         Ok(scored.filter_map(point).collect())
     }
 
-    /// Points of the sweep that are left out, each with the law's reason. The shipped settings are never left
-    /// out: [`Self::pareto`] fails if they are refused.
+    /// What is to be swept. The shipped settings are never left out: [`Self::pareto`] fails if they are
+    /// refused.
     #[must_use]
-    pub fn pareto_refused(&self) -> Vec<String> {
-        let point = |(task, label): (MethodTask, String)| {
-            let arm = self.arms.get(task.arm).map_or("", |(arm, _)| arm.name());
-            let error = self.refused(&task)?;
-            Some(format!("{} on {arm}, {label}: {error}", task.rival.name()))
-        };
-        self.swept().into_iter().filter_map(point).collect()
-    }
-
-    fn refused(&self, task: &MethodTask) -> Option<BenchError> {
-        (task.tuning != Tuning::Default).then(|| self.refusal(task)).flatten()
-    }
-
-    fn points(&self) -> Vec<(MethodTask, String)> {
-        self.swept().into_iter().filter(|(task, _)| self.refused(task).is_none()).collect()
+    pub fn pareto_sweep(&self) -> ParetoSweep {
+        let mut sweep = ParetoSweep { points: Vec::new(), refused: Vec::new(), jobs: 0 };
+        for (task, label) in self.swept() {
+            let Some((arm, hands)) = self.arms.get(task.arm) else { continue };
+            match (task.tuning != Tuning::Default).then(|| self.refusal(&task)).flatten() {
+                Some(error) => {
+                    let point = format!("{} on {}, {label}", task.rival.name(), arm.name());
+                    sweep.refused.push(format!("{point}: {error}"));
+                }
+                None => {
+                    sweep.jobs += hands.len();
+                    sweep.points.push((task, label));
+                }
+            }
+        }
+        sweep
     }
 
     fn swept(&self) -> Vec<(MethodTask, String)> {

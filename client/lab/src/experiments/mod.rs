@@ -26,6 +26,7 @@ use foretrace_control::learn::{Leads, Learner, LearnerSettings};
 use foretrace_control::predict::PredictorKind;
 
 use foretrace_sim::arm::{ArmSettings, JOINTS};
+use foretrace_sim::spread;
 
 /// Any failure of an experiment.
 #[derive(Debug, thiserror::Error)]
@@ -94,14 +95,7 @@ const LOOK_AHEAD_S: f64 = 0.030;
 pub(crate) const WAIT_S: f64 = 1.2;
 
 pub(crate) fn median(values: impl Iterator<Item = f64>) -> f64 {
-    let mut sorted: Vec<f64> = values.collect();
-    sorted.sort_by(f64::total_cmp);
-    let middle = sorted.len() / 2;
-    match (sorted.get(middle), sorted.len() % 2) {
-        (Some(high), 0) => 0.5 * (high + sorted.get(middle.wrapping_sub(1)).unwrap_or(high)),
-        (Some(value), _) => *value,
-        (None, _) => f64::NAN,
-    }
+    spread::median(values).unwrap_or(f64::NAN)
 }
 
 #[cfg(test)]

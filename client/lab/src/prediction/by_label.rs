@@ -8,9 +8,10 @@
 
 use std::collections::BTreeMap;
 
+use foretrace_sim::spread::median;
 use serde::Serialize;
 
-use super::score::{Mean, median};
+use super::score::Mean;
 use super::{CharacterSequence, Run, Tally};
 
 /// A sharper turn between two pieces of the resampled path is a corner, which is not curvy.

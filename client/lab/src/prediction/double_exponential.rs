@@ -13,8 +13,11 @@ const ALPHAS: [f64; 21] = [
     0.01, 0.02, 0.05, 0.10, 0.15, 0.20, 0.25, 0.30, 0.35, 0.40, 0.45, 0.50, 0.55, 0.60, 0.65, 0.70, 0.75,
     0.80, 0.85, 0.90, 0.95,
 ];
-/// Index of the α for sets without a train part: the best 10 ms ahead on the train writers of unipen-ced.
+/// Index of the α for sets without a train part: the best 10 ms ahead on the train writers of unipen-ced
+/// (`foretrace lab table1 --data unipen-ced --models double-exponential` says it).
 const UNTRAINED: usize = 19;
+/// The look-ahead time whose α is named beside the nearest and the farthest \[ns\].
+const NAMED_NS: f64 = 1e7;
 /// Farthest look-ahead with an α of its own \[ns\], and most steps to it.
 const FARTHEST_NS: f64 = 2e8;
 const MOST_STEPS: usize = 256;
@@ -55,6 +58,8 @@ pub(super) struct DoubleExponential {
     smoothed: [Smoothed; ALPHAS.len()],
     /// Index of the α for one, two … steps ahead.
     chosen: Vec<usize>,
+    /// Steps to the look-ahead time that is named.
+    named_steps: usize,
     tuning: Option<AlphaTuning>,
 }
 
@@ -70,7 +75,9 @@ impl DoubleExponential {
     pub(super) fn new(step_ns: f64) -> Self {
         let steps = ((FARTHEST_NS / step_ns).ceil() as usize).clamp(1, MOST_STEPS);
         let tuning = AlphaTuning { squares: vec![[0.0; ALPHAS.len()]; steps], past: Default::default() };
-        Self { smoothed: Default::default(), chosen: vec![UNTRAINED; steps], tuning: Some(tuning) }
+        let named_steps = ((NAMED_NS / step_ns).round() as usize).clamp(1, steps);
+        let chosen = vec![UNTRAINED; steps];
+        Self { smoothed: Default::default(), chosen, named_steps, tuning: Some(tuning) }
     }
 
     fn advance(&mut self, v: [f64; 2]) {
@@ -153,8 +160,10 @@ impl Contestant for DoubleExponential {
     fn trained_note(&self) -> Option<String> {
         let alpha = |index: usize| ALPHAS.get(index).copied().unwrap_or(f64::NAN);
         let (near, far) = (self.chosen.first()?, self.chosen.last()?);
-        let steps = self.chosen.len();
-        Some(format!("α from {:.2}, 1 step ahead, to {:.2}, {steps} steps ahead", alpha(*near), alpha(*far)))
+        let (steps, named) = (self.chosen.len(), self.chosen.get(self.named_steps - 1)?);
+        let ends =
+            format!("α from {:.2}, 1 step ahead, to {:.2}, {steps} steps ahead", alpha(*near), alpha(*far));
+        Some(format!("{ends}; {:.2} 10 ms ahead", alpha(*named)))
     }
 }
 
@@ -266,7 +275,10 @@ mod tests {
             assert_eq!(model.chosen[steps - 1], best, "{steps} steps");
         }
         assert!(model.chosen[0] > model.chosen[39], "{:?}", model.chosen);
-        assert!(model.trained_note().unwrap().contains("40 steps ahead"));
+        // 10 ms are two steps.
+        model.chosen = (0..40).map(|steps| steps.min(ALPHAS.len() - 1)).collect();
+        let note = model.trained_note().unwrap();
+        assert_eq!(note, "α from 0.01, 1 step ahead, to 0.95, 40 steps ahead; 0.02 10 ms ahead");
     }
 
     #[test]

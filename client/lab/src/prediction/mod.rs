@@ -33,7 +33,7 @@ pub use registry::{
 pub use retrain::{RetrainError, Retrained, TRAINABLE, retrain, retrain_epochs};
 pub use run::{ByLead, Lead, Row, Run, Scored, preview_all, run, runs, score, train, work};
 pub use scaled::{RunningScale, Scaled};
-pub use score::{HORIZON, LEADS, Mean, Tally, median, share_below};
+pub use score::{HORIZON, LEADS, Mean, Tally, share_below};
 pub use sequence::{CharacterSequence, PADDING_STEPS, sequences};
 pub use set::Set;
 pub use symbols::SymbolAnalysis;

@@ -3,11 +3,12 @@
 use std::collections::BTreeMap;
 use std::time::Instant;
 
+use foretrace_sim::spread::median;
 use serde::Serialize;
 
 use super::model::Contestant;
 use super::registry::{CONSTANT_VELOCITY, LSTM_REFERENCE, Model, RegistryError, Setting};
-use super::score::{HORIZON, LEADS, Tally, median, share_below};
+use super::score::{HORIZON, LEADS, Tally, share_below};
 use super::{CharacterSequence, Set};
 use crate::parallel;
 

@@ -70,12 +70,6 @@ impl<C: Contestant> Contestant for Scaled<C> {
         self.inner.observe(v.map(|component| component / unit));
     }
 
-    fn new_stroke(&mut self, v: [f64; 2]) {
-        self.scale.observe(v);
-        let unit = self.raw_per_input();
-        self.inner.new_stroke(v.map(|component| component / unit));
-    }
-
     fn preview(&self, out: &mut [[f64; 2]]) {
         self.inner.preview(out);
         let unit = self.raw_per_input();

@@ -125,17 +125,6 @@ fn half_square([x, y]: [f64; 2]) -> f64 {
     0.5 * (x * x + y * y)
 }
 
-/// Median (mean of the middle two where there are two); `None` without values or with one that is NaN.
-#[must_use]
-pub fn median(values: impl IntoIterator<Item = f64>) -> Option<f64> {
-    let mut sorted: Vec<f64> = values.into_iter().collect();
-    sorted.sort_by(f64::total_cmp);
-    let half = sorted.len() / 2;
-    let upper = *sorted.get(half)?;
-    let middle = if sorted.len() % 2 == 1 { upper } else { 0.5 * (upper + sorted.get(half - 1)?) };
-    sorted.last().filter(|largest| !largest.is_nan()).map(|_| middle)
-}
-
 /// Percentage of sequences whose error is strictly below that of `reference`; `None` if they do not pair up.
 #[must_use]
 pub fn share_below(errors: &[f64], reference: &[f64]) -> Option<f64> {
@@ -224,10 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn diverged_models_have_no_median_and_beat_nobody() {
-        assert_eq!(median([3.0, 1.0, 2.0]), Some(2.0));
-        assert_eq!(median([4.0, 1.0, 2.0, 3.0]), Some(2.5));
-        assert_eq!((median([]), median([1.0, f64::NAN, 2.0])), (None, None));
+    fn diverged_models_beat_nobody() {
         assert_eq!(share_below(&[1.0, 2.0, f64::NAN, 3.0], &[1.0, 3.0, 1.0, 4.0]), Some(50.0));
         assert_eq!(share_below(&[1.0], &[1.0, 2.0]), None);
     }

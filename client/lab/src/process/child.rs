@@ -1,16 +1,13 @@
 //! The other program: its start, lines there and back, its end.
 
-use std::collections::BTreeSet;
 use std::io::{ErrorKind, Read, Write};
 use std::os::fd::OwnedFd;
 use std::os::unix::net::UnixStream;
-use std::os::unix::process::CommandExt;
-use std::process::{Child, Command, ExitStatus, Stdio};
-use std::sync::{Mutex, PoisonError};
+use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
+use foretrace_sim::children::GroupChild;
 use rustix::net::{RecvFlags, recv};
-use rustix::process::{Pid, Signal, WaitId, WaitIdOptions, kill_process_group, waitid};
 
 use super::LONGEST_LINE;
 use super::error::ProcessFault;
@@ -20,29 +17,10 @@ const GRACE: Duration = Duration::from_secs(1);
 /// Between looks at a program that is about to end.
 const LOOK: Duration = Duration::from_millis(1);
 
-/// Groups of processes that run.
-static RUNNING: Mutex<BTreeSet<u32>> = Mutex::new(BTreeSet::new());
-
-/// Kills all programs at once: for a signal that ends this one without unwinding.
-pub fn end_all() {
-    running(|groups| groups.iter().for_each(|group| kill(*group)));
-}
-
-fn running<R>(change: impl FnOnce(&mut BTreeSet<u32>) -> R) -> R {
-    change(&mut RUNNING.lock().unwrap_or_else(PoisonError::into_inner))
-}
-
-fn kill(group: u32) {
-    // One that is gone already is what is wanted.
-    if let Some(group) = i32::try_from(group).ok().and_then(Pid::from_raw) {
-        let _ = kill_process_group(group, Signal::KILL);
-    }
-}
-
 /// A program that answers lines with lines.
 #[derive(Debug)]
 pub(super) struct LineChild {
-    child: Child,
+    child: GroupChild,
     stream: UnixStream,
     patience: Duration,
     line: Vec<u8>,
@@ -58,15 +36,10 @@ impl LineChild {
         stream.set_read_timeout(Some(patience)).map_err(refused)?;
         stream.set_write_timeout(Some(patience)).map_err(refused)?;
         let input = theirs.try_clone().map_err(refused)?;
-        let child = Command::new("/bin/sh")
-            .args(["-c", command])
-            .stdin(Stdio::from(OwnedFd::from(input)))
-            .stdout(Stdio::from(OwnedFd::from(theirs)))
-            // What a shell starts ends with it.
-            .process_group(0)
-            .spawn()
-            .map_err(refused)?;
-        running(|groups| groups.insert(child.id()));
+        let mut shell = Command::new("/bin/sh");
+        shell.args(["-c", command]);
+        shell.stdin(Stdio::from(OwnedFd::from(input))).stdout(Stdio::from(OwnedFd::from(theirs)));
+        let child = GroupChild::start(&mut shell).map_err(refused)?;
         Ok(Self { child, stream, patience, line: Vec::new(), failed: false })
     }
 
@@ -126,36 +99,11 @@ impl LineChild {
 
     /// How it went away, as far as can be seen soon.
     fn ending(&mut self) -> String {
-        if self.has_ended(GRACE) {
-            self.reap().map_or_else(|| "ended".to_owned(), |status| format!("ended ({status})"))
+        if self.child.has_ended(GRACE, LOOK) {
+            self.child.end().map_or_else(|| "ended".to_owned(), |status| format!("ended ({status})"))
         } else {
             "closed its output".to_owned()
         }
-    }
-
-    /// Whether it has ended within `patience`; it is not reaped, so that its number stays its own.
-    fn has_ended(&self, patience: Duration) -> bool {
-        let Some(pid) = i32::try_from(self.child.id()).ok().and_then(Pid::from_raw) else { return true };
-        let began = Instant::now();
-        let look = WaitIdOptions::EXITED | WaitIdOptions::NOWAIT | WaitIdOptions::NOHANG;
-        while matches!(waitid(WaitId::Pid(pid), look), Ok(None)) {
-            if began.elapsed() >= patience {
-                return false;
-            }
-            std::thread::sleep(LOOK);
-        }
-        true
-    }
-
-    /// Ends what is left of its group, and takes its status; none the second time.
-    fn reap(&mut self) -> Option<ExitStatus> {
-        let group = self.child.id();
-        if running(|groups| groups.remove(&group)) {
-            // Its number is still its own: nobody has waited for it.
-            kill(group);
-            return self.child.wait().ok();
-        }
-        None
     }
 }
 
@@ -164,8 +112,7 @@ impl Drop for LineChild {
         if !self.failed {
             // Its input ends: a program may write down what it wants to keep.
             let _ = self.stream.shutdown(std::net::Shutdown::Write);
-            self.has_ended(GRACE);
+            let _ = self.child.has_ended(GRACE, LOOK);
         }
-        self.reap();
     }
 }

@@ -57,7 +57,7 @@ pub enum ProcessFault {
     /// Radii for some only.
     #[error("{radii} radii for {positions} positions; give one for each, or none")]
     Radii { radii: usize, positions: usize },
-    /// A number that is none.
+    /// A number that is not finite or out of its range.
     #[error("{what} {index} is {value}; positions are finite, radii finite and not negative")]
     Number { what: &'static str, index: usize, value: f64 },
 }

@@ -11,7 +11,6 @@ mod child;
 mod error;
 mod partner;
 
-pub use child::end_all;
 pub use error::{ProcessError, ProcessFault};
 pub use partner::{AnsweredPositions, Greeting, PROTOCOL, Partner, StepQuestion};
 

@@ -6,10 +6,11 @@ use std::path::Path;
 
 use foretrace_failure::Failure;
 use foretrace_sim::data::{DataSet, load_recording};
+use foretrace_sim::sha256::sha256_of_file;
 use serde::Serialize;
 
 use super::split_rule::by_place;
-use super::{PublishedSet, SplitRule, sha256_of_file};
+use super::{PublishedSet, SplitRule};
 
 /// Files in a message.
 const SHOWN: usize = 3;

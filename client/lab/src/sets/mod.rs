@@ -4,7 +4,6 @@
 //! Contract: nothing is downloaded, and no recording is changed; a set's `split.tsv` is written whole, or not
 //! at all.
 
-mod sha256;
 mod folder_sum;
 mod split_rule;
 mod published;
@@ -15,5 +14,4 @@ pub use check::{CheckedSet, SplitFound, check};
 pub use folder_sum::FolderSum;
 pub use generated::{GenerateError, GeneratedSet};
 pub use published::PublishedSet;
-pub use sha256::{Sha256, sha256_of_file};
 pub use split_rule::SplitRule;

@@ -7,7 +7,7 @@ use super::SplitRule;
 pub struct PublishedSet {
     pub name: &'static str,
     pub what: &'static str,
-    /// Where its authors have it.
+    /// Where the files are that were measured, and whose they are.
     pub source: &'static str,
     pub licence: &'static str,
     /// Lines for a shell, in the folder of the unpacked archive.
@@ -81,19 +81,17 @@ const SETS: [PublishedSet; 4] = [
     PublishedSet {
         name: "character-trajectories",
         what: "letters without pen lift on a clean tablet of 200 Hz, by one writer",
-        source: "https://doi.org/10.24432/C58G7V (UCI data set 175, B. H. Williams)",
-        licence: "CC BY 4.0; cite Williams, Toussaint and Storkey, ICANN 2006",
+        source: "https://github.com/ShuningZhao/Character-Trajectories, a copy in two halves of \
+                 https://doi.org/10.24432/C58G7V (UCI data set 175, B. H. Williams)",
+        licence: "CC BY 4.0 at UCI; cite Williams, Toussaint and Storkey, ICANN 2006",
         unpack: &[
             "mkdir -p character-trajectories",
-            "mv trajectories_train.mat trajectories_xtest.mat character-trajectories/",
+            "mv Character-Trajectories*/trajectories_*.mat character-trajectories/",
         ],
         split: SplitRule::ByFile,
         split_words: "by file: trajectories_train.mat is train, trajectories_xtest.mat is test",
         writers: 1,
-        unknown: Some(
-            "the published mixoutALL_shifted.mat, which has no parts: measured was a copy in two halves \
-             (github.com/ShuningZhao/Character-Trajectories)",
-        ),
+        unknown: Some("UCI's mixoutALL_shifted.mat, which has no parts"),
     },
 ];
 
@@ -142,5 +140,26 @@ mod tests {
             assert!(set.sums().count() > 0, "{}", set.name);
         }
         assert_eq!(count, SUMS.lines().count() - 1);
+    }
+
+    /// The lines find the files where the named source has them: an archive or a clone beside which they run.
+    #[test]
+    fn the_lines_that_unpack_find_the_files_of_the_source_that_is_named() {
+        let set = PublishedSet::named("character-trajectories").unwrap();
+        assert!(set.source.starts_with("https://github.com/ShuningZhao/Character-Trajectories"));
+        for archive in ["Character-Trajectories", "Character-Trajectories-master"] {
+            let beside = tempfile::tempdir().unwrap();
+            std::fs::create_dir(beside.path().join(archive)).unwrap();
+            for (file, _) in set.sums() {
+                std::fs::write(beside.path().join(archive).join(file), file).unwrap();
+            }
+            let lines = set.unpack.join("\n");
+            let mut shell = std::process::Command::new("sh");
+            assert!(shell.args(["-euc", &lines]).current_dir(beside.path()).status().unwrap().success());
+            assert!(set.sums().count() == 2);
+            for (file, _) in set.sums() {
+                assert!(beside.path().join(set.name).join(file).is_file(), "{file}");
+            }
+        }
     }
 }

@@ -1,13 +1,14 @@
 //! Shards of the closed-loop benchmark: scores of whole hands, which start with a learner of their own.
 
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 
 use foretrace_config::Config;
 use serde::{Deserialize, Serialize};
 
-use super::Shard;
 use super::exact::{Digest, Exact};
 use super::file::{MergeError, merged};
+use super::{Shard, few};
 use crate::closed_loop::{BenchArm, HandNames, HandsOfArms, MethodOutcome, Rival, SequenceScore};
 
 /// What is the same in all shards of a run.
@@ -198,16 +199,17 @@ impl MergedLoop {
             .iter()
             .map(|name| arm(name).ok_or_else(|| bad(&first, format!("no arm is called {name:?}"))))
             .collect::<Result<_, _>>()?;
+        few(&run.predictors).map_err(|why| bad(&first, why))?;
+        let mut known = BTreeSet::new();
+        if let Some(twice) = run.predictors.iter().find(|name| !known.insert(name.as_str())) {
+            let short: String = twice.chars().take(60).collect();
+            return Err(bad(&first, format!("method {short:?} is named twice")));
+        }
         let rivals: Vec<Rival> = run
             .predictors
             .iter()
             .map(|name| Rival::named(name).map_err(|error| bad(&first, error.to_string())))
             .collect::<Result<_, _>>()?;
-        if let Some(twice) =
-            rivals.iter().enumerate().find(|(i, rival)| rivals.iter().take(*i).any(|r| r == *rival))
-        {
-            return Err(bad(&first, format!("method {:?} is named twice", twice.1.name())));
-        }
         if run.hands.len() != arms.len() {
             return Err(bad(&first, format!("{} arms, but hands of {}", arms.len(), run.hands.len())));
         }

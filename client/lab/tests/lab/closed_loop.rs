@@ -313,8 +313,10 @@ fn sweeps_hold_the_shipped_point_and_lead_from_smooth_to_stiff() {
     benchmark.arms.iter_mut().for_each(|(_, hands)| hands.truncate(1));
     let rows = MethodOutcome::table(&benchmark.run(|| {}).unwrap());
     let mut heard = 0;
-    let points = benchmark.pareto(|| heard += 1).unwrap();
-    assert_eq!(heard, benchmark.pareto_jobs());
+    let sweep = benchmark.pareto_sweep();
+    let jobs = sweep.jobs;
+    let points = benchmark.pareto(sweep, || heard += 1).unwrap();
+    assert_eq!(heard, jobs);
     for row in &rows {
         let swept: Vec<_> = points.iter().filter(|p| p.arm == row.arm && p.method == row.predictor).collect();
         let count = match (row.predictor.as_str(), row.arm) {
@@ -353,8 +355,9 @@ fn points_that_the_law_refuses_are_left_out_of_a_sweep_and_named() {
     let config = Draft::preset("ur5").set("mpc.horizon", "10").finish().unwrap();
     let mut benchmark = benchmark(&config, &[BenchArm::Ideal], &["mixture"]);
     benchmark.arms.iter_mut().for_each(|(_, hands)| hands.truncate(1));
-    let refused = benchmark.pareto_refused();
-    let points = benchmark.pareto(|| {}).unwrap();
+    let sweep = benchmark.pareto_sweep();
+    let refused = sweep.refused.clone();
+    let points = benchmark.pareto(sweep, || {}).unwrap();
     assert!(!refused.is_empty() && points.len() + refused.len() == 12, "{refused:#?}");
     for message in &refused {
         assert!(

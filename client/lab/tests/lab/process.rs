@@ -184,6 +184,24 @@ fn in_closed_loop_a_better_program_is_used_whatever_the_order_the_cores_and_the_
 }
 
 #[test]
+fn what_is_to_be_swept_is_known_before_any_program_starts() {
+    let config = config();
+    let folder = tempfile::tempdir().unwrap();
+    let mark = folder.path().join("started");
+    let benchmark = Benchmark {
+        config: &config,
+        arms: vec![(BenchArm::Ideal, vec![hand(BenchArm::Ideal, &config, &["a"])])],
+        rivals: vec![Rival::named(&format!("external:touch {}", mark.display())).unwrap()],
+        flaws: Flaws::default(),
+        law: LawParameters::SHIPPED,
+    };
+    let sweep = benchmark.pareto_sweep();
+    assert!(sweep.jobs > 1 && !mark.exists(), "{sweep:?}");
+    benchmark.pareto(sweep, || {}).unwrap_err();
+    assert!(mark.exists());
+}
+
+#[test]
 fn in_closed_loop_a_program_that_fails_ends_the_benchmark_with_what_and_where() {
     let config = config();
     let refused = |name: &str| {

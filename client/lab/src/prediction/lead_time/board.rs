@@ -81,7 +81,7 @@ pub struct Board {
     pub glyph_height: Option<f64>,
     /// Instants at which every model predicted.
     pub instants: usize,
-    /// Who wrote it; with one writer there are no intervals.
+    /// How many wrote what is judged; with one writer there are no intervals.
     pub writers: usize,
     /// In the order asked for.
     pub models: Vec<Lane>,
@@ -190,7 +190,7 @@ impl Board {
     /// The board of a set with these lanes.
     #[must_use]
     pub fn of(set: &Set, targets: &Targets, mut models: Vec<Lane>) -> Self {
-        let bootstrap = WriterBootstrap::of(set);
+        let bootstrap = WriterBootstrap::of(set, targets);
         for lane in &mut models {
             let Some(replicates) = bootstrap.rms(&lane.sequences) else { break };
             for (lead, row) in lane.leads.iter_mut().enumerate() {

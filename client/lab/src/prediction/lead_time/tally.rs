@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::super::score::{Mean, median};
+use super::super::score::Mean;
 use super::judged::JudgedTarget;
 use super::targets::{Instant, Targets, Truth};
 use super::{LEADS_MS, SHARES};
@@ -185,17 +185,18 @@ impl LeadTally {
         let root = |mean: &Mean| mean.get().map(f64::sqrt);
         let percent = |mean: &Mean| mean.get().map(|share| 100.0 * share);
         let rms = root(&self.square);
+        let error = TargetSpread::of(&self.lengths);
         LeadRow {
             lead_ms: LEADS_MS.get(lead).copied().unwrap_or_default(),
             targets: self.square.count,
             rms,
             rms_interval: None,
             rms_glyph: rms.zip(glyph).map(|(rms, glyph)| rms / glyph),
-            median: median(self.lengths.iter().map(|l| f64::from(*l))),
+            median: error.p50,
             along_rms: root(&self.along_square),
             along_mean: self.along.get(),
             cross_rms: root(&self.cross_square),
-            error: TargetSpread::of(&self.lengths),
+            error,
             lateness: TargetSpread::of(&self.lateness),
             over_anticipation: TargetSpread::of(&self.over_anticipation),
             wrong_direction_deg: TargetSpread::of(&self.wrong_direction_deg),

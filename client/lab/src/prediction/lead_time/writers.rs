@@ -1,8 +1,9 @@
 //! [`WriterBootstrap`]: how far a figure would move with other writers.
 //!
 //! A percentile bootstrap (Efron 1979, doi:10.1214/aos/1176344552) over writers, not over targets: those of
-//! one hand are alike. Each replicate draws as many writers as there are, with replacement; all models and
-//! look-ahead times share the draws. These follow from a fixed seed and the name of the set.
+//! one hand are alike. Each replicate draws as many writers as have targets, with replacement; all models and
+//! look-ahead times share the draws. These follow from a fixed seed and the name of the set, and are drawn
+//! again each time: kept, they would take kilobytes for every writer that a file names.
 
 use rand::{RngExt as _, SeedableRng as _};
 use rand_pcg::Pcg64;
@@ -11,6 +12,7 @@ use super::super::score::Mean;
 use super::super::{CharacterSequence, Set};
 use super::LEADS_MS;
 use super::tally::SequenceSums;
+use super::targets::Targets;
 
 /// Replicates of a bootstrap.
 pub const REPLICATES: usize = 2000;
@@ -24,29 +26,31 @@ type Squares = [Mean; LEADS_MS.len()];
 /// The writers of a set, and what each replicate draws of them.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct WriterBootstrap {
-    /// Of each sequence, the number of its writer, from 0.
-    writer_of: Vec<usize>,
+    /// Of each sequence, the number of its writer, from 0; none for one without targets.
+    writer_of: Vec<Option<usize>>,
     writers: usize,
-    /// How often a replicate has each writer, replicate after replicate; empty with one writer.
-    draws: Vec<u32>,
+    /// Of the generator that draws.
+    seed: u64,
 }
 
 impl WriterBootstrap {
-    /// The writers of the scored part; where a set does not name them, a file is one.
+    /// The writers of the targets; where a set does not name them, a file is one.
     #[must_use]
-    pub fn of(set: &Set) -> Self {
-        let name = |s: &CharacterSequence| match s.writer.is_empty() {
-            true => (s.file.clone(), String::new()),
-            false => (String::new(), s.writer.clone()),
-        };
-        let names: Vec<_> = set.scored.iter().map(name).collect();
-        let mut known = names.clone();
-        known.sort();
+    pub fn of(set: &Set, targets: &Targets) -> Self {
+        fn name(s: &CharacterSequence) -> (&str, &str) {
+            if s.writer.is_empty() { (&s.file, "") } else { ("", &s.writer) }
+        }
+        let mut judged = vec![false; set.scored.len()];
+        for instant in &targets.instants {
+            judged.iter_mut().skip(instant.sequence).take(1).for_each(|judged| *judged = true);
+        }
+        let with_targets = || set.scored.iter().zip(&judged).map(|(s, judged)| judged.then(|| name(s)));
+        let mut known: Vec<_> = with_targets().flatten().collect();
+        known.sort_unstable();
         known.dedup();
-        let writer_of = names.iter().map(|name| known.binary_search(name).unwrap_or_default()).collect();
-        let writers = known.len();
-        let draws = if writers > 1 { drawn(&set.name, writers) } else { Vec::new() };
-        Self { writer_of, writers, draws }
+        let writer_of = with_targets().map(|name| known.binary_search(&name?).ok()).collect();
+        let seed = SEED ^ u64::from(crc32fast::hash(set.name.as_bytes()));
+        Self { writer_of, writers: known.len(), seed }
     }
 
     /// How many writers there are.
@@ -63,14 +67,14 @@ impl WriterBootstrap {
         }
         let mut of_writers = vec![Squares::default(); self.writers];
         for (sequence, sums) in sequences {
-            let writer = *self.writer_of.get(*sequence)?;
+            let writer = (*self.writer_of.get(*sequence)?)?;
             for (mean, sums) in of_writers.get_mut(writer)?.iter_mut().zip(sums) {
                 mean.merge(&sums.square);
             }
         }
-        let replicate = |draws: &[u32]| -> [f64; LEADS_MS.len()] {
+        let replicate = |times: &[u32]| -> [f64; LEADS_MS.len()] {
             let mut pooled = Squares::default();
-            for (of_writer, times) in of_writers.iter().zip(draws).filter(|(_, times)| **times > 0) {
+            for (of_writer, times) in of_writers.iter().zip(times).filter(|(_, times)| **times > 0) {
                 for (mean, of_writer) in pooled.iter_mut().zip(of_writer) {
                     mean.sum += f64::from(*times) * of_writer.sum;
                     mean.count += u64::from(*times) * of_writer.count;
@@ -78,20 +82,23 @@ impl WriterBootstrap {
             }
             pooled.map(|mean| mean.get().map_or(f64::NAN, f64::sqrt))
         };
-        Some(self.draws.chunks(self.writers).map(replicate).collect())
+        Some(self.drawn(replicate))
     }
-}
 
-fn drawn(set: &str, writers: usize) -> Vec<u32> {
-    let mut rng = Pcg64::seed_from_u64(SEED ^ u64::from(crc32fast::hash(set.as_bytes())));
-    let mut draws = vec![0_u32; REPLICATES * writers];
-    for replicate in draws.chunks_mut(writers) {
-        for _ in 0..writers {
-            let writer = rng.random_range(0..writers);
-            replicate.iter_mut().skip(writer).take(1).for_each(|times| *times += 1);
-        }
+    /// What `of` makes of each replicate: how often it has each writer.
+    fn drawn<T>(&self, of: impl Fn(&[u32]) -> T) -> Vec<T> {
+        let mut rng = Pcg64::seed_from_u64(self.seed);
+        let mut times = vec![0_u32; self.writers];
+        let mut replicate = || {
+            times.fill(0);
+            for _ in 0..self.writers {
+                let writer = rng.random_range(0..self.writers);
+                times.iter_mut().skip(writer).take(1).for_each(|times| *times += 1);
+            }
+            of(&times)
+        };
+        (0..REPLICATES).map(|_| replicate()).collect()
     }
-    draws
 }
 
 /// The middle 95 % of the replicates; `None` where one is not finite.
@@ -115,8 +122,8 @@ mod tests {
             writer: writer.to_owned(),
             segment: 0,
             label: String::new(),
-            v: Vec::new(),
-            jump: Vec::new(),
+            v: vec![[1.0, 0.0]; 30],
+            jump: vec![false; 30],
             rate_hz: 100.0,
             rate_assumed: false,
             units_per_m: None,
@@ -142,28 +149,36 @@ mod tests {
         [LeadSums { square: Mean { sum: square, count }, ..LeadSums::default() }; LEADS_MS.len()]
     }
 
+    fn bootstrap(set: &Set) -> WriterBootstrap {
+        WriterBootstrap::of(set, &Targets::of(&set.scored))
+    }
+
     #[test]
     fn a_writer_of_several_files_is_one_and_an_unnamed_one_is_a_file() {
         let scored = [("a", "Ada"), ("b", "Ada"), ("b", "Bo"), ("c", ""), ("c", ""), ("d", "")];
-        let set = set("pens", scored.map(|(file, writer)| sequence(file, writer)).to_vec());
-        let bootstrap = WriterBootstrap::of(&set);
+        let mut set = set("pens", scored.map(|(file, writer)| sequence(file, writer)).to_vec());
+        // One who wrote nothing to foresee is drawn by nobody.
+        set.scored.push(CharacterSequence { v: Vec::new(), jump: Vec::new(), ..sequence("e", "Cy") });
+        let bootstrap = bootstrap(&set);
         assert_eq!(bootstrap.writers(), 4);
         let of = &bootstrap.writer_of;
+        assert!(of.iter().take(6).all(Option::is_some) && of[6].is_none(), "{of:?}");
         assert!(of[0] == of[1] && of[3] == of[4] && of[1] != of[2] && of[4] != of[5], "{of:?}");
     }
 
     #[test]
     fn one_writer_has_no_interval() {
         let set = set("pens", vec![sequence("a", "Ada"), sequence("b", "Ada")]);
-        assert_eq!(WriterBootstrap::of(&set).rms(&[(0, sums(4.0, 1)), (1, sums(9.0, 1))]), None);
+        assert_eq!(bootstrap(&set).rms(&[(0, sums(4.0, 1)), (1, sums(9.0, 1))]), None);
     }
 
     #[test]
     fn replicates_are_of_whole_writers_and_their_spread_is_that_of_the_mean() {
         let count = 40_u32;
-        let scored = (0..count).map(|i| sequence("a", &i.to_string())).collect();
-        let bootstrap = WriterBootstrap::of(&set("pens", scored));
-        assert!(bootstrap.draws.chunks(40).all(|draws| draws.iter().sum::<u32>() == 40));
+        let scored: Vec<_> = (0..count).map(|i| sequence("a", &i.to_string())).collect();
+        let draws = |name: &str| bootstrap(&set(name, scored.clone())).drawn(<[u32]>::to_vec);
+        let bootstrap = bootstrap(&set("pens", scored.clone()));
+        assert!(draws("pens").iter().all(|times| times.iter().sum::<u32>() == 40));
         // Squared errors 1 and 3 in equal shares: the mean is 2, its deviation 1 / √40.
         let each: Vec<_> = (0..count).map(|i| (i as usize, sums(f64::from(10 + 20 * (i % 2)), 10))).collect();
         let rms = bootstrap.rms(&each).unwrap();
@@ -175,8 +190,8 @@ mod tests {
         let alike: Vec<_> = each.iter().map(|(i, _)| (*i, sums(20.0, 10))).collect();
         let rms = bootstrap.rms(&alike).unwrap();
         assert!(rms.iter().flatten().all(|rms| (rms - 2_f64.sqrt()).abs() < 1e-12));
-        assert_eq!(drawn("pens", 40), bootstrap.draws);
-        assert_ne!(drawn("others", 40), bootstrap.draws);
+        assert_eq!(draws("pens"), bootstrap.drawn(<[u32]>::to_vec));
+        assert_ne!(draws("others"), draws("pens"));
     }
 
     #[test]

@@ -3,6 +3,8 @@
 //! Source: W3C XML Schema Part 2, section 3.2.7. The calendar is Gregorian for all years; a time without a
 //! zone counts as UTC.
 
+use crate::calendar::days_since_1970;
+
 const MS_PER_DAY: i64 = 86_400_000;
 /// Years before and after which no pen writes; days since 1970 stay far from their bound.
 const YEARS: std::ops::RangeInclusive<i64> = -9999..=99_999;
@@ -23,7 +25,7 @@ pub(super) fn milliseconds(text: &str) -> Option<f64> {
     let day = digits(day, 2..=2).filter(|day| (1..=days_in(year, month)).contains(day))?;
     let zone_at = time.find(['Z', '+', '-']).unwrap_or(time.len());
     let (clock, zone) = time.split_at_checked(zone_at)?;
-    let ms = days_since_1970(year, month, day) * MS_PER_DAY - zone_minutes(zone)? * 60_000;
+    let ms = days_since_1970([year, month, day]) * MS_PER_DAY - zone_minutes(zone)? * 60_000;
     Some(ms as f64 + clock_ms(clock)?)
 }
 
@@ -84,14 +86,6 @@ fn days_in(year: i64, month: i64) -> i64 {
         4 | 6 | 9 | 11 => 30,
         _ => 31,
     }
-}
-
-/// Years that begin in March have their leap day at their end: whole cycles of 400 years are alike.
-fn days_since_1970(year: i64, month: i64, day: i64) -> i64 {
-    let (year, month) = if month > 2 { (year, month - 3) } else { (year - 1, month + 9) };
-    let (cycle, of_cycle) = (year.div_euclid(400), year.rem_euclid(400));
-    let days = of_cycle * 365 + of_cycle / 4 - of_cycle / 100 + (153 * month + 2) / 5 + day - 1;
-    cycle * 146_097 + days - 719_468
 }
 
 #[cfg(test)]
