@@ -82,7 +82,7 @@ impl Ports for ShmPorts {
         if inbox.asks_previews {
             let came = self.previews.drain(|message| inbox.preview = Some(wire::external_preview(&message)));
             self.replaced += came.saturating_sub(1) as u64;
-            // Before the tick that closes a step; where it fails, that step's publishing does, and is counted.
+            // Before the tick that closes a step; if it fails, sending that step does, and is counted.
             let _ = self.steps.connect();
         }
 

@@ -1,6 +1,6 @@
-//! What a predictor of another process may cost behind the simulated UR5, whatever it sends, beside the shipped
-//! fallback, which learns. `FORETRACE_EXTERNAL_TICKS` is how long each family writes; `.ci/long external` has a
-//! million ticks.
+//! What a predictor of another process may cost behind the simulated UR5, whatever it sends, beside the
+//! shipped fallback, which learns. `FORETRACE_EXTERNAL_TICKS` is how long each family writes; `.ci/long
+//! external` has a million ticks.
 
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;

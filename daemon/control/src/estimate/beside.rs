@@ -178,8 +178,8 @@ impl Estimates {
         }
     }
 
-    /// Judges past previews of the process by the steps that `closed`, and records the one after them, if that
-    /// is there `in_time`, with its `refinement`.
+    /// Judges past previews of the process by the steps that `closed`, and records the one after them, if
+    /// that is there `in_time`, with its `refinement`.
     fn judge_theirs(&mut self, closed: &[LearnStep], in_time: bool, refinement: Option<&Refinement>) {
         self.theirs.judge(closed);
         self.recorded = false;

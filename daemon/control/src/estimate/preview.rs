@@ -135,8 +135,8 @@ impl RefinedPreview {
         Some(Noted::Within(refiner.refinement(newest.position, phase, self.expected(phase))))
     }
 
-    /// Corrects the preview by the sample at `newest` \[m\], as it was `noted`, and shrinks it to `shares` per
-    /// lead; without shares it is used as it is. The way to it is shortened to the share `governor` of it.
+    /// Corrects the preview by the sample at `newest` \[m\], as it was `noted`, and shrinks it to `shares`
+    /// per lead; without shares it is used as it is. The way to it is shortened to the share `governor`.
     pub(super) fn draw(
         &mut self,
         newest: [f64; 2],
