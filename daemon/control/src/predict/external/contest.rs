@@ -371,7 +371,7 @@ mod tests {
         };
         silent(&mut scene, SILENT as usize - 1);
         assert!(scene.contest.earned());
-        silent(&mut scene, 200);
+        silent(&mut scene, 400);
         assert!(!scene.contest.earned() && scene.contest.evidence() == 0.0 && scene.contest.losses == 0);
         assert!(scene.contest.doubt(8) < 0.6, "{}", scene.contest.doubt(8));
         // As good as the fallback was then is not good enough now.
