@@ -116,13 +116,23 @@ fn ticks_with_a_predictor_of_another_process_can_be_run_again_with_its_previews(
     let daemon = Running::start(&site, source.with("predictor.external.fallback", "\"hold\""));
     let mut operator = Operator::attach(&site);
     let (_arm, _log) = arm(&site);
-    let (_pen, _predictor) = (pen(&site), predictor(&site));
+    let (_pen, first) = (pen(&site), predictor(&site));
     operator.status_when("joint states arrive", |status| status.joint_state_age_ns != u64::MAX);
     assert!(operator.ask(ControlOp::Arm, 0.0).is_success());
     operator.status_when("its part is whole", |status| status.external.weight == 1.0);
+    drop(first);
+    let _next = predictor(&site);
+    operator.status_when("the next process has no part yet", |status| status.external.weight == 0.0);
+    operator.status_when("its part is whole", |status| status.external.weight == 1.0);
     let captured = listen(&site, |captured| captured.inputs.len() > 1500);
-    let kept = captured.snapshots.iter().filter(|snapshot| snapshot.kind == PieceKind::Preview).count();
-    assert!(kept > 100, "{kept} previews");
+    let kept = captured.snapshots.iter().filter(|snapshot| snapshot.kind == PieceKind::Preview);
+    let senders = kept.map(|snapshot| {
+        let mut preview = ExternalPreview::EMPTY;
+        state::read(&mut preview, &snapshot.bytes).unwrap();
+        preview.sender
+    });
+    let senders: Vec<u64> = senders.collect();
+    assert!(senders.len() > 100 && senders.iter().all(|sender| *sender == 1), "{senders:?}");
     let ticks = again(&captured);
     assert!(ticks > 300, "{ticks} ticks until a gap");
     let status = daemon.end().unwrap().status;

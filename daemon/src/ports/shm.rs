@@ -9,6 +9,7 @@ use iceoryx2::service::port_factory::PortFactory as _;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 
 use foretrace_control::follower::{EnableReading, JointReading};
+use foretrace_control::predict::ExternalPreview;
 use foretrace_control::units::Stamp;
 use foretrace_shm as shm;
 use foretrace_shm::{
@@ -81,6 +82,8 @@ impl Ports for ShmPorts {
         });
         if inbox.asks_previews {
             let came = self.previews.drain(|message| inbox.preview = Some(wire::external_preview(&message)));
+            let process = self.previews.restarts();
+            inbox.preview = inbox.preview.map(|preview| ExternalPreview { sender: process, ..preview });
             self.replaced += came.saturating_sub(1) as u64;
             // Before the tick that closes a step; if it fails, sending that step does, and is counted.
             let _ = self.steps.connect();

@@ -3,8 +3,9 @@
 //!
 //! Contract: with no part in the preview the process changes nothing of what the fallback comes to, neither
 //! before it has earned one nor after it has lost it. The process's record judges a step one tick after it
-//! closed, so that no tick learns from it twice, and only what is followed is drawn: the longest ticks are as
-//! long as with the fallback alone. Fixed size, no allocation after construction, total.
+//! closed, so that no tick learns from it twice, and only what is followed is drawn: the ticks that close a
+//! step, the longest ones, bear little of the second estimate. Fixed size, no allocation after construction,
+//! total.
 
 use super::preview::Noted;
 use super::record::Worth;
@@ -28,6 +29,8 @@ pub(crate) struct Estimates {
     their_shares: [f64; LEADS],
     /// Part of the other process, if one is asked.
     part: Option<f64>,
+    /// Which process that is.
+    process: u64,
     /// Whether each of the two is followed, as of the newest sample.
     followed: [bool; 2],
     put_off: Option<PutOff>,
@@ -51,8 +54,8 @@ state! { whole [] PutOff { motion, position, scale_m, in_time, refinement } }
 
 state! {
     [] Estimates {
-        own, own_preview, theirs, their_preview, own_shares, their_shares, part, followed, put_off,
-        recorded,
+        own, own_preview, theirs, their_preview, own_shares, their_shares, part, process, followed,
+        put_off, recorded,
     }
 }
 
@@ -67,6 +70,7 @@ impl Estimates {
             own_shares: [0.0; LEADS],
             their_shares: [0.0; LEADS],
             part: None,
+            process: 0,
             followed: [true, false],
             put_off: None,
             recorded: false,
@@ -100,7 +104,8 @@ impl Estimates {
         let own_source = if later { PreviewSource::Same } else { source };
         let own = self.own.update(closed, own_source, &self.own_preview, nearest, saturated);
         self.own_shares = own.believed();
-        if source == PreviewSource::AnotherPredictor {
+        if source == PreviewSource::AnotherPredictor || self.process != previewer.process() {
+            self.process = previewer.process();
             // What a past process was worth says nothing; how the pen moves is known.
             self.theirs.clone_from(&self.own);
             self.theirs.forget();

@@ -309,6 +309,12 @@ impl Previewer {
         (self.active == PredictorKind::EXTERNAL).then(|| self.external.part())
     }
 
+    /// The process that predicts, or did last.
+    #[must_use]
+    pub const fn process(&self) -> u64 {
+        self.external.sender()
+    }
+
     /// Whether the other process's preview came in time: what is carried on longer is not worth judging.
     #[must_use]
     pub fn process_in_time(&self) -> bool {

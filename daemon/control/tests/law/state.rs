@@ -158,8 +158,8 @@ fn every_predictor_carries_on_bit_for_bit() {
     }
 }
 
-/// Of a process that knows the pen's path, lies for a while, falls silent, and comes back: cut while its part
-/// rises, is whole, falls, is none, and between a step and its preview.
+/// Of a process that knows the pen's path, lies for a while, falls silent, comes back, and is followed by
+/// another: cut while its part rises, is whole, falls, is none, and between a step and its preview.
 #[test]
 fn the_predictor_of_another_process_carries_on_bit_for_bit() {
     let mut settings = with_everything(PredictorKind::AR_RLS);
@@ -177,7 +177,8 @@ fn the_predictor_of_another_process_carries_on_bit_for_bit() {
             _ => None,
         };
         let way = if (900..960).contains(&tick) { -1.0 } else { 1.0 };
-        let mut preview = ExternalPreview { base_index: closed, count: 64, ..ExternalPreview::EMPTY };
+        let sender = u64::from(tick >= 2100);
+        let mut preview = ExternalPreview { base_index: closed, count: 64, sender, ..ExternalPreview::EMPTY };
         let [x0, y0] = at(closed * STEP_NS);
         for (ahead, slot) in (1..).zip(&mut preview.positions) {
             let [x, y] = at((closed + ahead) * STEP_NS);
@@ -191,7 +192,10 @@ fn the_predictor_of_another_process_carries_on_bit_for_bit() {
             ..Given::default()
         }
     };
-    let cuts = [150, 201, 500, 602, 900, 930, 941, 960, 1400, 1401, 1520, 1700, 1850, 2399, 2510, 3000];
+    let cuts = [
+        150, 201, 500, 602, 900, 930, 941, 960, 1400, 1401, 1520, 1700, 1850, 2100, 2101, 2110, 2399, 2510,
+        3000,
+    ];
     let Seen { modes, parts } = carried(&settings, HOME, 3200, &cuts, script);
     assert!(modes.contains(&Mode::Following), "{modes:?}");
     let within =

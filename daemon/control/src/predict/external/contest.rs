@@ -8,9 +8,11 @@
 //!
 //! The evidence is the sum of the gains. What a step adds is bounded by a tenth of what it may take: a lie
 //! costs as much evidence as it is large, so that rare large errors are not paid for by many small gains. The
-//! external predictor has to earn its place, and loses it below 0, or with a second of silence. Who loses it
-//! by lies waits, twice as long each time, so that one which earns trust in order to lie gets ever fewer
-//! chances. While the pen rests nothing is judged, and no time passes.
+//! external predictor has to earn its place, and loses it below 0, by silence, or to another process. Who
+//! loses it by lies waits, twice as long each time, so that one which earns trust in order to lie gets ever
+//! fewer chances; the next process waits as long, or a restart would end the wait. While the pen rests, as
+//! the fallback said, no time passes, and nothing is learned of the fallback; who predicts motion then was
+//! wrong.
 
 use crate::pen::{TARGET_RMS, rests};
 use crate::predict::bands::BAND_LEADS as LEADS;
@@ -28,13 +30,13 @@ const MEMORY: f64 = 200.0;
 const SOON: f64 = 30.0;
 /// Cases of a hand not seen yet: errors of a fifth of the way.
 const FIRST: f64 = 5.0;
-/// The first wait \[steps of motion\]; it doubles up to [`LONGEST`].
+/// The first wait \[steps of motion\]: a second of steps of 10 ms. It doubles up to [`LONGEST`].
 const WAIT: u32 = 100;
-/// Half a minute of motion.
+/// The longest wait \[steps of motion\].
 const LONGEST: u32 = 3200;
-/// Who is silent for so many steps begins anew.
+/// Who is silent for so many steps has to earn its place again: the fallback may have learned the hand.
 const SILENT: u32 = 100;
-/// Steps of use after which the last loss is forgiven.
+/// Steps of use in motion after which the last loss is forgiven.
 const FORGIVEN: u32 = 2000;
 
 /// What both predicted after one step \[m\], the first position one step later.
@@ -131,8 +133,15 @@ impl Contest {
         }
         self.silence = if answered { 0 } else { self.silence.saturating_add(1) };
         if self.silence >= SILENT {
-            // What one process was worth says nothing of the next.
             (self.evidence, self.earned) = (0.0, false);
+        }
+    }
+
+    /// Another process predicts from now on: what the last one was worth says nothing of it.
+    pub fn begin_anew(&mut self) {
+        (self.evidence, self.earned) = (0.0, false);
+        for pair in self.pairs.iter_mut().flatten() {
+            pair.external = None;
         }
     }
 
@@ -151,20 +160,22 @@ impl Contest {
         for (lead, spread) in (1..).zip(&mut self.spreads) {
             let made = (self.newest + LEADS + 1 - lead) % LEADS;
             let Some(Some(pair)) = self.pairs.get(made) else { continue };
-            let Some(gain) = spread.case(pair, lead - 1, position, unit_m) else { continue };
-            moves = true;
-            if let Some(gain) = gain.filter(|_| used.contains(&lead)) {
+            let Some(case) = Case::of(pair, lead - 1, position, unit_m) else { continue };
+            moves |= case.moves;
+            if let Some(gain) = case.gain(spread).filter(|_| used.contains(&lead)) {
                 gains += gain;
                 cases += 1;
             }
+            if case.moves {
+                spread.learn(case.fallback);
+            }
         }
-        if !moves {
-            return;
-        }
-        self.wait = self.wait.saturating_sub(1);
-        self.used = if in_use { self.used.saturating_add(1) } else { self.used };
-        if self.used >= FORGIVEN {
-            (self.used, self.losses) = (0, self.losses.saturating_sub(1));
+        if moves {
+            self.wait = self.wait.saturating_sub(1);
+            self.used = if in_use { self.used.saturating_add(1) } else { self.used };
+            if self.used >= FORGIVEN {
+                (self.used, self.losses) = (0, self.losses.saturating_sub(1));
+            }
         }
         if cases > 0 {
             let gain = gains / f64::from(cases);
@@ -183,34 +194,54 @@ impl Contest {
     }
 }
 
-impl FallbackError {
-    /// What a case says for the external predictor, if that predicted something; `None`: the pen rested and
-    /// all said so, which tells nothing and would make the spread that of rest.
-    fn case(&mut self, pair: &Pair, index: usize, position: [f64; 2], unit_m: f64) -> Option<Option<f64>> {
+/// What both predicted for the step that closed, at one lead.
+struct Case {
+    /// Squared errors \[normalised²\]; `None`: the external predictor predicted nothing in time.
+    fallback: f64,
+    external: Option<f64>,
+    /// The pen moved, or the fallback had expected it to.
+    moves: bool,
+}
+
+impl Case {
+    /// `None`: the pen rested, and all said so.
+    fn of(pair: &Pair, index: usize, position: [f64; 2], unit_m: f64) -> Option<Self> {
         let per_m = 1.0 / unit_m;
         let from = |[x, y]: [f64; 2], [x0, y0]: [f64; 2]| [(x - x0) * per_m, (y - y0) * per_m];
-        let square = |[x, y]: [f64; 2]| x * x + y * y;
+        let error = |at: [f64; 2]| {
+            let [x, y] = from(at, position);
+            x * x + y * y
+        };
+        let rested = |at: &[f64; 2]| rests(from(*at, pair.base));
         let fallback = *pair.fallback.get(index)?;
         let external = pair.external.as_ref().and_then(|external| external.get(index)).copied();
-        if [position, fallback].iter().chain(&external).all(|at| rests(from(*at, pair.base))) {
+        let moves = !(rested(&position) && rested(&fallback));
+        if !moves && external.as_ref().is_none_or(rested) {
             return None;
         }
-        let fallback = square(from(fallback, position));
-        let gain = external.map(|external| {
-            let external = square(from(external, position));
-            // Where neither has an error there is nothing to tell them apart by.
-            if fallback == external {
-                0.0
-            } else {
-                (fallback - external) / (2.0 * self.squares / self.cases.max(1.0))
-            }
-        });
-        let forgetting = 1.0 - 1.0 / MEMORY;
+        Some(Self { fallback: error(fallback), external: external.map(error), moves })
+    }
+
+    /// What it says for the external predictor, beside what the fallback was lately wrong by.
+    fn gain(&self, spread: &FallbackError) -> Option<f64> {
+        let external = self.external?;
+        // Where neither has an error there is nothing to tell them apart by.
+        if self.fallback == external {
+            return Some(0.0);
+        }
+        Some((self.fallback - external) / (2.0 * spread.squares / spread.cases.max(1.0)))
+    }
+}
+
+impl FallbackError {
+    /// A case of motion with this squared error \[normalised²\]. Rest would make the spread that of rest.
+    fn learn(&mut self, squared: f64) {
         // A jump that the grid did not see must not hide the errors of years to come.
-        self.squares = forgetting * self.squares + fallback.min(1e6);
+        let squared = squared.min(1e6);
+        let forgetting = 1.0 - 1.0 / MEMORY;
+        self.squares = forgetting * self.squares + squared;
         self.cases = forgetting * self.cases + 1.0;
-        self.recent += (fallback.min(1e6) - self.recent) / SOON;
-        Some(gain)
+        self.recent += (squared - self.recent) / SOON;
     }
 }
 

@@ -8,10 +8,10 @@
 //! where the difference is at most `DOUBT` times the recent error of the fallback at its lead: what another
 //! process says is bounded by what the fallback may be wrong by. A hand that the fallback foresees leaves a
 //! lie no room, one that nothing foresees leaves the truth enough. w rises and falls by a fixed amount per
-//! grid step, so that neither a loss nor a return moves the reference at once; only a jump or a new stroke,
-//! which nothing before belongs to, ends it at once. It rises only while previews
-//! come in time and the [`Contest`] says that they are better than the fallback's. Trust, shares and
-//! corrections judge each of the two, and what both come to is blended.
+//! grid step, so that neither a loss nor a return moves the reference at once; only what nothing before
+//! belongs to ends it at once: a jump, a new stroke, another process. It rises only while previews come in
+//! time and the [`Contest`] says that they are better than the fallback's. Trust, shares and corrections
+//! judge each of the two, and what both come to is blended.
 
 mod contest;
 mod preview;
@@ -80,6 +80,8 @@ pub(super) struct External {
     count: usize,
     /// Its base; `None`: there is no preview.
     base: Option<u64>,
+    /// The process that made it, or the one before it.
+    sender: u64,
     /// The newest closed steps' positions \[m\], from `first` on; a ring by index.
     positions: [[f64; 2]; MOST_LATE as usize + 1],
     /// The first step of this stroke, and the newest.
@@ -103,8 +105,8 @@ pub(super) struct External {
 
 state! {
     [] External {
-        moves, radii, radii_count, count, base, positions, first, newest, fallback, made, bounded, answered,
-        leads, unit_m, weight, contest,
+        moves, radii, radii_count, count, base, sender, positions, first, newest, fallback, made, bounded,
+        answered, leads, unit_m, weight, contest,
     }
     fixed { most_late }
 }
@@ -118,6 +120,7 @@ impl External {
             radii_count: 0,
             count: 0,
             base: None,
+            sender: 0,
             positions: [[0.0; 2]; MOST_LATE as usize + 1],
             first: 0,
             newest: None,
@@ -165,7 +168,11 @@ impl External {
         leads: PlanLeads,
         limit_m: f64,
     ) -> Result<(), PreviewRefusal> {
-        let ExternalPreview { base_index, count, radii_count, .. } = *preview;
+        let ExternalPreview { base_index, count, radii_count, sender, .. } = *preview;
+        if sender != self.sender {
+            self.contest.begin_anew();
+            (self.sender, self.base, self.weight, self.answered) = (sender, None, 0.0, false);
+        }
         let positions = preview.positions();
         if positions.is_empty() || positions.len() != count {
             return Err(PreviewRefusal::Malformed);
@@ -257,6 +264,11 @@ impl External {
         let (below, part) = (at.floor() as usize, at - at.floor());
         let (near, far) = (*radii.get(below - 1)?, radii.get(below).copied());
         Some(if part > 0.0 { near + part * (far? - near) } else { near })
+    }
+
+    /// The process that predicts, or did last.
+    pub(super) const fn sender(&self) -> u64 {
+        self.sender
     }
 
     /// What became of its previews.

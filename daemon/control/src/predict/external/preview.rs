@@ -16,6 +16,8 @@ pub struct ExternalPreview {
     pub radii_count: usize,
     /// Radius about each position in which the pen is expected in nine of ten cases \[m\].
     pub radii: [f64; MAX_PREVIEW],
+    /// Which process made it: another number is another process.
+    pub sender: u64,
 }
 
 /// Only what counts, because recordings hold one per grid step.
@@ -26,6 +28,7 @@ impl State for ExternalPreview {
         self.radii_count.save(to);
         self.positions().iter().for_each(|position| position.save(to));
         self.radii().iter().for_each(|radius| radius.save(to));
+        self.sender.save(to);
     }
 
     fn load(&mut self, from: &mut Reader<'_>) -> Result<(), StateError> {
@@ -40,7 +43,7 @@ impl State for ExternalPreview {
         if radii_count <= MAX_PREVIEW {
             self.radii.iter_mut().take(radii_count).try_for_each(|radius| radius.load(from))?;
         }
-        Ok(())
+        self.sender.load(from)
     }
 }
 
@@ -52,6 +55,7 @@ impl ExternalPreview {
         positions: [[0.0; 2]; MAX_PREVIEW],
         radii_count: 0,
         radii: [0.0; MAX_PREVIEW],
+        sender: 0,
     };
 
     /// The positions that count; none if there are said to be more than there is room for.

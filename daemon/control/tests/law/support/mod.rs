@@ -1,6 +1,7 @@
 //! A UR5 above a table, a pen, and ideal joint states, shared by the whole-step tests.
 
 pub(crate) mod dybm;
+pub(crate) mod hostile;
 pub(crate) mod judging;
 pub(crate) mod lagging;
 pub(crate) mod limited;

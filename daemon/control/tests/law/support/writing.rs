@@ -28,6 +28,17 @@ pub(crate) fn scribble(t: f64) -> [f64; 2] {
     [x0 + part * (x1 - x0), y0 + part * (y1 - y0)]
 }
 
+/// The curve, in pieces of three seconds with rests of more than a second between them.
+pub(crate) fn halting(t: f64) -> [f64; 2] {
+    const MOVES_S: f64 = 3.0;
+    const EVERY_S: f64 = 4.5;
+    let pieces = (t / EVERY_S).floor();
+    let s = ((t - pieces * EVERY_S) / MOVES_S).min(1.0);
+    // Slow at its beginning and its end.
+    let part = s * s * s * (10.0 - 15.0 * s + 6.0 * s * s);
+    curve(MOVES_S * 0.5 * (pieces + part))
+}
+
 /// Runs `ticks` of `path` at 200 Hz, and passes on every tick's output.
 pub(crate) fn write(
     bench: &mut Bench,
