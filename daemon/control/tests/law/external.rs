@@ -181,16 +181,18 @@ fn ticks() -> u64 {
     std::env::var("FORETRACE_EXTERNAL_TICKS").map_or(8000, |n| n.parse().expect("a number"))
 }
 
-/// Each is judged by the error beside that of the fallback; every command is judged by the bench.
+/// Each is judged by the error beside that of the fallback; every command is judged by the bench. The hand with
+/// rests errs most as each of its pieces begins: five times as long, so that it has eighteen of them.
 #[test]
 fn whatever_a_hostile_process_sends_costs_at_most_a_tenth_beside_the_fallback() {
     let mut seen = [0; PreviewRefusal::ALL.len()];
     let mut worst = Vec::new();
-    for (hand, path) in HANDS {
-        let fallback = run(external(), ticks(), path, &mut nobody);
+    for ((hand, path), least) in HANDS.into_iter().zip([0, 0, 40_000]) {
+        let ticks = ticks().max(least);
+        let fallback = run(external(), ticks, path, &mut nobody);
         for (name, spoil) in FAMILIES {
             let (mut rng, mut number) = (Pcg64::seed_from_u64(7), 0);
-            let outcome = run(external(), ticks(), path, &mut |step, path| {
+            let outcome = run(external(), ticks, path, &mut |step, path| {
                 number += 1;
                 spoil(number, &mut rng, knowing(step, path, 1.0))
             });

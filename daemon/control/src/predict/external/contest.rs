@@ -354,11 +354,11 @@ mod tests {
     fn a_resting_pen_tells_nothing() {
         let mut scene = Scene::new();
         scene.until(true, 1.0, 5.0);
-        let rest = |scene: &mut Scene, steps: usize| {
+        let rest = |scene: &mut Scene, steps: usize, error: f64| {
             for _ in 0..steps {
                 let base = Scene::at(scene.step);
                 scene.contest.judge(base, UNIT_M, 4, 20, true);
-                let near = [base[0] + 0.2 * UNIT_M, base[1]];
+                let near = [base[0] + error * UNIT_M, base[1]];
                 scene.contest.record(Some(Pair {
                     base,
                     external: Some([near; LEADS]),
@@ -367,19 +367,28 @@ mod tests {
             }
         };
         // What was predicted before the pause is judged by it.
-        rest(&mut scene, LEADS);
+        rest(&mut scene, LEADS, 0.2);
         let before = scene.contest.clone();
-        rest(&mut scene, 3000);
+        rest(&mut scene, 3000, 0.2);
         assert_eq!((scene.contest.evidence(), scene.contest.spreads), (before.evidence(), before.spreads));
         // Neither does a wait pass in it, nor is a loss forgiven.
         scene.until(false, 100.0, 5.0);
         let before = scene.contest.clone();
         assert!(before.wait > 90 && before.losses == 1, "{} {}", before.wait, before.losses);
-        rest(&mut scene, LEADS);
+        rest(&mut scene, LEADS, 0.2);
         let before = scene.contest.clone();
-        rest(&mut scene, FORGIVEN as usize + 10);
-        let now = &scene.contest;
-        assert_eq!((now.wait, now.used, now.losses), (before.wait, before.used, before.losses));
+        // Not even for who predicts motion, which is wrong all the same.
+        for error in [0.2, 1.5] {
+            rest(&mut scene, FORGIVEN as usize + 10, error);
+            let now = &scene.contest;
+            assert_eq!((now.wait, now.used, now.losses), (before.wait, before.used, before.losses));
+            assert_eq!(now.spreads, before.spreads);
+        }
+        scene.until(true, 1.0, 5.0);
+        rest(&mut scene, LEADS, 0.2);
+        let evidence = scene.contest.evidence();
+        rest(&mut scene, 100, 1.5);
+        assert!(scene.contest.evidence() < evidence, "{evidence}");
     }
 
     /// Who was good has to prove it again after a silence, in which the fallback may have learned the hand.
