@@ -134,7 +134,7 @@ impl Benchmark<'_> {
     }
 
     /// Writes one sequence again after everything that its hand wrote before, so that learners have the same
-    /// state.
+    /// state; `None`: there is no such one.
     ///
     /// # Errors
     /// A sequence that could not be run.
@@ -145,18 +145,50 @@ impl Benchmark<'_> {
         hand: &Hand,
         index: usize,
     ) -> Result<Option<ClosedLoop>, BenchError> {
-        let job = Job { rival, tuning: &Tuning::Default, arm, hand };
-        // On a worker's stack: a whole control law may be too large for the caller's.
-        let replayed = parallel::map(
-            &[job],
-            |job| {
-                let mut last = None;
-                self.write(job, index + 1, |_, run| last = Some(run))?;
-                Ok(last)
-            },
-            || {},
-        );
-        replayed.into_iter().next().unwrap_or(Ok(None))
+        Ok(self.replay_all(arm, &[(rival, hand, index)])?.pop().flatten())
+    }
+
+    /// Writes sequences again on `arm`, as [`replay`](Self::replay) does; every hand once per method, on all
+    /// cores. In the order asked.
+    ///
+    /// # Errors
+    /// A sequence that could not be run.
+    pub fn replay_all(
+        &self,
+        arm: BenchArm,
+        wanted: &[(Rival, &Hand, usize)],
+    ) -> Result<Vec<Option<ClosedLoop>>, BenchError> {
+        let same = |a: &(Rival, &Hand), b: &(Rival, &Hand)| a.0 == b.0 && std::ptr::eq(a.1, b.1);
+        let mut pairs: Vec<(Rival, &Hand)> = Vec::new();
+        for (rival, hand, _) in wanted {
+            let pair = (*rival, *hand);
+            if !pairs.iter().any(|known| same(known, &pair)) {
+                pairs.push(pair);
+            }
+        }
+        let run = |pair: &(Rival, &Hand)| {
+            let mine =
+                || wanted.iter().enumerate().filter(|(_, (rival, hand, _))| same(pair, &(*rival, hand)));
+            let count = mine().map(|(_, (.., index))| index.saturating_add(1)).max().unwrap_or(0);
+            let job = Job { rival: pair.0, tuning: &Tuning::Default, arm, hand: pair.1 };
+            let (mut kept, mut next) = (Vec::new(), 0);
+            self.write(&job, count, |_, run| {
+                kept.extend(
+                    mine().filter(|(_, (.., index))| *index == next).map(|(slot, _)| (slot, run.clone())),
+                );
+                next += 1;
+            })?;
+            Ok(kept)
+        };
+        let mut replayed = vec![None; wanted.len()];
+        for kept in parallel::map(&pairs, run, || {}) {
+            for (slot, run) in kept? {
+                if let Some(place) = replayed.get_mut(slot) {
+                    *place = Some(run);
+                }
+            }
+        }
+        Ok(replayed)
     }
 
     /// The hands of each arm by name.

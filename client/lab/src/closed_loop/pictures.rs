@@ -67,25 +67,29 @@ pub fn letters(
         ranked.sort_by(|a, b| a.1.mse_m2.total_cmp(&b.1.mse_m2));
         let Some(last) = ranked.len().checked_sub(1) else { continue };
         let chosen = [("best", 0), ("median", last / 2), ("worst", last)];
+        let asked: Vec<_> = [Rival::AS_SHIPPED, Rival::HOLD]
+            .into_iter()
+            .flat_map(|rival| chosen.map(|(name, rank)| (rival, name, ranked.get(rank))))
+            .filter_map(|(rival, name, one)| Some((rival, name, one?)))
+            .collect();
+        let wanted: Vec<_> =
+            asked.iter().map(|(rival, _, ((hand, index), ..))| (*rival, *hand, *index)).collect();
+        let runs = benchmark.replay_all(*arm, &wanted).map_err(failed)?;
         let mut shown = Vec::new();
-        for rival in [Rival::AS_SHIPPED, Rival::HOLD] {
-            for (name, rank) in chosen {
-                let Some(((hand, index), mixture, hold)) = ranked.get(rank) else { continue };
-                let Some(sequence) = hand.sequences.get(*index) else { continue };
-                let run = benchmark.replay(rival, *arm, hand, *index).map_err(failed)?;
-                let ends = sequence.path.samples.first().zip(sequence.path.samples.last());
-                let (Some(run), Some((first, end))) = (run, ends) else { continue };
-                let within = |tool: &&ToolSample| (first.t_s..=end.t_s).contains(&tool.t_s);
-                let tool: Vec<_> = run.tool.iter().filter(within).copied().collect();
-                let mm = rms_mm(if rival == Rival::AS_SHIPPED { mixture } else { hold });
-                let which = if sequence.label.is_empty() {
-                    name.to_owned()
-                } else {
-                    format!("{name} {:?}", sequence.label)
-                };
-                let label = format!("{which}, {}: {mm:.2} mm", rival.name());
-                shown.push((label, &sequence.path.samples, tool));
-            }
+        for ((rival, name, ((hand, index), mixture, hold)), run) in asked.into_iter().zip(runs) {
+            let Some(sequence) = hand.sequences.get(*index) else { continue };
+            let ends = sequence.path.samples.first().zip(sequence.path.samples.last());
+            let (Some(run), Some((first, end))) = (run, ends) else { continue };
+            let within = |tool: &&ToolSample| (first.t_s..=end.t_s).contains(&tool.t_s);
+            let tool: Vec<_> = run.tool.iter().filter(within).copied().collect();
+            let mm = rms_mm(if rival == Rival::AS_SHIPPED { mixture } else { hold });
+            let which = if sequence.label.is_empty() {
+                name.to_owned()
+            } else {
+                format!("{name} {:?}", sequence.label)
+            };
+            let label = format!("{which}, {}: {mm:.2} mm", rival.name());
+            shown.push((label, &sequence.path.samples, tool));
         }
         let cells: Vec<_> = shown.iter().map(|(label, pen, tool)| Cell { label, pen, tool }).collect();
         let file = out.join(format!("closed-loop-letters-{}.svg", arm.name()));

@@ -100,6 +100,33 @@ fn before_an_ideal_arm_a_way_is_where_it_wants_to_be() {
     }
 }
 
+/// Also of a predictor that learns from what the hand wrote before, and in any order.
+#[test]
+fn sequences_that_are_written_again_are_the_same() {
+    let config = config();
+    let benchmark = benchmark(&config, &[BenchArm::Ur5], &["hold", "mixture"]);
+    let outcomes = benchmark.run(|| {}).unwrap();
+    let (arm, hands) = &benchmark.arms[0];
+    let asked = [(1, 0, 1), (0, 1, 0), (1, 1, 0), (1, 0, 0), (1, 0, 1), (1, 0, 2)];
+    let wanted: Vec<_> =
+        asked.iter().map(|(who, hand, index)| (benchmark.rivals[*who], &hands[*hand], *index)).collect();
+    let runs = benchmark.replay_all(*arm, &wanted).unwrap();
+    assert_eq!(runs.len(), asked.len());
+    for ((who, hand, index), run) in asked.into_iter().zip(&runs) {
+        let Some(sequence) = hands[hand].sequences.get(index) else {
+            assert!(run.is_none());
+            continue;
+        };
+        let before: usize = hands[..hand].iter().map(|hand| hand.sequences.len()).sum();
+        let again = SequenceScore::of(sequence, run.as_ref().unwrap());
+        assert_eq!(
+            format!("{again:?}"),
+            format!("{:?}", outcomes[who].scores[before + index]),
+            "{who} {hand} {index}"
+        );
+    }
+}
+
 #[test]
 fn the_servo_of_a_way_counts_on_the_ur5_and_changes_nothing_on_the_slow_arm() {
     let config = config();
