@@ -58,8 +58,8 @@ pub(crate) fn ends_at_once() -> Result<(), Failure> {
     let mut signals = Signals::new([SIGINT, SIGTERM, SIGHUP]).map_err(refused)?;
     let ends = move || {
         if signals.forever().next().is_some() {
-            foretrace_sim::whole::give_up();
-            foretrace_sim::children::end_all();
+            foretrace_host::whole::give_up();
+            foretrace_host::children::end_all();
             note!("foretrace: interrupted");
             std::process::exit(i32::from(Cause::Interrupted as u8));
         }

@@ -4,7 +4,7 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
-use foretrace_sim::calendar::UtcMoment;
+use foretrace_host::calendar::UtcMoment;
 
 use crate::failure::Failure;
 

@@ -9,9 +9,9 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 
 use foretrace_failure::Failure;
-use foretrace_sim::children::GroupChild;
-use foretrace_sim::sha256::sha256_of_file;
-use foretrace_sim::whole;
+use foretrace_host::children::GroupChild;
+use foretrace_host::sha256::sha256_of_file;
+use foretrace_host::whole;
 
 use crate::BenchPart;
 
