@@ -24,6 +24,7 @@ ROOMS = {
         "alloc_count", "wire", "ports", "rt", "learner", "ipc", "limits", "memory", "options", "error", "law_rehearsal", "reload", "stop_socket",
         "supervisor", "log",
     ],
+    "client/host/src": ["whole", "sha256", "calendar", "children"],
     "client/record/src": [
         "proto", "topics", "scene", "write", "read", "table", "pen", "repair", "info", "figures", "explain", "law", "replay", "verdict", "modelled",
         "stretch", "score", "what_if", "picture", "page",
@@ -110,15 +111,16 @@ def layers_point_downwards() -> None:
         "foretrace-c": {"foretrace-shm", "foretrace-client"},
         "foretrace-serve": {"foretrace-shm"},
         "foretrace-failure": set(),
+        "foretrace-host": set(),
         "foretrace-gateway": {"foretrace-failure", "foretrace-serve", "foretrace-shm"},
         "foretrace-shapes": {"foretrace-config", "foretrace-control"},
-        "foretrace-sim": {"foretrace-failure", "foretrace-config", "foretrace-control"},
+        "foretrace-sim": {"foretrace-failure", "foretrace-host", "foretrace-config", "foretrace-control"},
         "foretrace-tablet": {"foretrace-failure", "foretrace-client", "foretrace-config"},
         "foretrace-console": {"foretrace-failure", "foretrace-client", "foretrace-serve", "foretrace-config", "foretrace-control"},
         "foretrace-ur": {"foretrace-config", "foretrace-control", "foretrace-client"},
         "foretrace-ur-sim": {"foretrace-config", "foretrace-control", "foretrace-sim", "foretrace-ur"},
-        "foretrace-record": {"foretrace-shm", "foretrace-config", "foretrace-control", "foretraced", "foretrace-sim"},
-        "foretrace-live": {"foretrace-shm", "foretrace-client", "foretrace-serve", "foretrace-control", "foretrace-sim", "foretrace-record"},
+        "foretrace-record": {"foretrace-host", "foretrace-shm", "foretrace-config", "foretrace-control", "foretraced", "foretrace-sim"},
+        "foretrace-live": {"foretrace-host", "foretrace-shm", "foretrace-client", "foretrace-serve", "foretrace-control", "foretrace-record"},
         "foretrace-report": {
             "foretrace-failure", "foretrace-shm", "foretrace-client", "foretrace-config", "foretrace-control", "foretrace-sim", "foretrace-record",
             "foretrace-live",
@@ -127,12 +129,13 @@ def layers_point_downwards() -> None:
             "foretrace-failure", "foretrace-shm", "foretrace-client", "foretrace-config", "foretrace-control", "foretraced", "foretrace-sim",
             "foretrace-ur", "foretrace-report",
         },
-        "foretrace-bench": {"foretrace-clarabel", "foretrace-failure", "foretrace-config", "foretrace-control", "foretrace-sim"},
+        "foretrace-bench": {"foretrace-clarabel", "foretrace-failure", "foretrace-host", "foretrace-config", "foretrace-control", "foretrace-sim"},
         "foretrace-calibrate": {
-            "foretrace-failure", "foretrace-client", "foretrace-config", "foretrace-control", "foretraced", "foretrace-sim", "foretrace-report",
+            "foretrace-failure", "foretrace-host", "foretrace-client", "foretrace-config", "foretrace-control", "foretraced", "foretrace-sim",
+            "foretrace-report",
         },
         "foretrace-doctor": {"foretrace-failure", "foretrace-shm", "foretrace-client", "foretrace-config", "foretraced", "foretrace-sim", "foretrace-ur"},
-        "foretrace-lab": {"foretrace-failure", "foretrace-config", "foretrace-control", "foretrace-sim"},
+        "foretrace-lab": {"foretrace-failure", "foretrace-host", "foretrace-config", "foretrace-control", "foretrace-sim"},
     }
     for package in json.loads(cargo("metadata", "--format-version", "1", "--no-deps"))["packages"]:
         wanted = {d["name"] for d in package["dependencies"] if d["kind"] is None and d["name"].startswith("foretrace")}

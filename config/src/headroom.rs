@@ -129,6 +129,8 @@ pub(crate) fn headroom(settings: &Settings, robot: &Robot) -> Result<Headroom, D
     Ok(Headroom { payload, poses, joints, together: [least, median(together)] })
 }
 
+/// The upper one of two in the middle: what some pose leaves. Infinite where there is no pose; no value is
+/// NaN. The simulator's median of any numbers stands in a layer above this one.
 fn median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied().unwrap_or(f64::INFINITY)

@@ -122,11 +122,12 @@ class Arms(World):
                 arm.measured(HOME[:5], [0.0] * 6)
             with self.refuses(foretrace.Invalid, "effort_unit"):
                 arm.measured(HOME, [0.0] * 6, effort=[0.0] * 6)
-            for number in (99, -1, 2**40, 0.5):
+            for number in (99, -1, 2**40, 0.5, 5.0, 10**5000):
                 with self.refuses(foretrace.Invalid, "safety_mode"):
                     arm.measured(HOME, [0.0] * 6, safety_mode=number)
-            with self.refuses(foretrace.Invalid, "q = "):
-                arm.measured([10**400] * 6, [0.0] * 6)
+            for joint in (10**400, 10**5000):
+                with self.refuses(foretrace.Invalid, "q is ", "legal: 6 numbers, one per joint [rad]"):
+                    arm.measured([joint] * 6, [0.0] * 6)
             target = arm.target()
             self.assertEqual((target.move, target.state, target.q), (False, "stand", None))
             self.assertEqual(arm.counts()["states_sent"], 1)
@@ -388,7 +389,7 @@ class Arms(World):
             q, qd = foretrace.demand_at(command, command.header.stamp_ns)
             self.assertEqual(q, list(command.q))
             self.assertIsNone(foretrace.demand_at(command, command.valid_until_ns))
-            for instant in (-1, 1.5, 2**70):
+            for instant in (-1, 1.5, 5.0, 2**70, 10**5000):
                 with self.refuses(foretrace.Invalid, "now_ns"):
                     foretrace.demand_at(command, instant)
             state.q[0] = math.inf
@@ -405,7 +406,7 @@ class Arms(World):
         with foretrace.attach() as ft, ft.arm_interface(100) as arm:
             with self.refuses(foretrace.Invalid, "no joint state"):
                 ft.state_at(time.monotonic_ns())
-            for instant in (-1, 1.5, 2**70, "now"):
+            for instant in (-1, 1.5, 5.0, 2**70, 10**5000, "now"):
                 with self.refuses(foretrace.Invalid, "t_ns"):
                     ft.state_at(instant)
             for timeout in (math.nan, math.inf, -1.0):

@@ -69,9 +69,12 @@ class Pens(World):
             for tilt in (5, (0.1,), (0.1, 0.2, 0.3), "left"):
                 with self.refuses(foretrace.Invalid, "tilt"):
                     pen.send(0.0, 0.0, True, tilt=tilt)
-            with self.refuses(foretrace.Invalid, "x = 1"):
+            with self.refuses(foretrace.Invalid, "x is 1"):
                 pen.send(10**400, 0.0, True)
-            for flags in (1 << 20, -1, 1 << 40, 0.5):
+            # Python writes no number of so many digits.
+            with self.refuses(foretrace.Invalid, "x is a int of thousands of digits"):
+                pen.send(10**5000, 0.0, True)
+            for flags in (1 << 20, -1, 1 << 40, 0.5, 5.0, 10**5000):
                 with self.refuses(foretrace.Invalid, "flags"):
                     pen.send(0.0, 0.0, True, flags=flags)
             with self.refuses(foretrace.Invalid, "tilt has 1 values, x has 2"):
@@ -81,10 +84,10 @@ class Pens(World):
                 pen.send(0.0, 0.0, True, stamp=time.time_ns())
             with self.refuses(foretrace.Invalid, "old"):
                 pen.send(0.0, 0.0, True, stamp=5_000)
-            for stamp in (-1, 1.5, "now", 2**80):
+            for stamp in (-1, 1.5, 5.0, "now", 2**80, 10**5000):
                 with self.refuses(foretrace.Invalid, "stamp"):
                     pen.send(0.0, 0.0, True, stamp=stamp)
-            with self.refuses(foretrace.Invalid, "x = 'left'"):
+            with self.refuses(foretrace.Invalid, "x is left; legal: a number [m]"):
                 pen.send("left", 0.0, True)
             with self.refuses(foretrace.Invalid, "y has 1 values, x has 2"):
                 pen.send_many([0.0, 0.0], [0.0], True, [1, 2])

@@ -94,10 +94,10 @@ class Predictors(World):
                     predictor.send(5, [(0.0, 0.0), (0.0, 0.0), (0.0, number)])
             with self.refuses(foretrace.Invalid, "pairs of numbers"):
                 predictor.send(5, [1.0, 2.0])
-            for index in (-1, 2**64):
+            for index in (-1, 2**64, 10**5000):
                 with self.refuses(foretrace.Invalid, "index"):
                     predictor.send(index, [(0.0, 0.0)])
-            for step in (1.5, "5", None):
+            for step in (1.5, 5.0, "5", None):
                 with self.refuses(foretrace.Invalid, "step"):
                     predictor.send(step, [(0.0, 0.0)])
             with self.refuses(foretrace.Invalid, "pairs of numbers"):

@@ -28,7 +28,7 @@ class Requests(World):
         for wait in (-1.0, float("nan"), 1e9):
             with self.refuses(foretrace.Invalid, "wait", "from 0 to 3600"):
                 foretrace.attach(wait=wait)
-        for instance in (-1, "0", 2**40, 0.5):
+        for instance in (-1, "0", 2**40, 0.5, 5.0, 10**5000):
             with self.refuses(foretrace.Invalid, "instance"):
                 foretrace.attach(instance)
         with self.refuses(foretrace.Problem, "relative/path", "absolute"):
@@ -46,7 +46,7 @@ class Requests(World):
                 ft.predictor("nothing-like-it")
             with self.refuses(foretrace.Invalid):
                 ft.predictor("NOT A NAME")
-            for value in (1.5, -0.1, float("nan"), "always"):
+            for value in (1.5, -0.1, float("nan"), float("inf"), 10**5000, "always"):
                 with self.refuses(foretrace.Invalid, "trust", "from 0 to 1"):
                     ft.trust(value)
 

@@ -200,12 +200,15 @@ class Threads(World):
         self.daemon()
         with foretrace.attach() as ft:
             pen = ft.pen()
+            predictor = ft.predictor_interface()
             until("the daemon hears", lambda: pen.send(0.0, 0.0, True))
             reading, writing = os.pipe()
             child = os.fork()
             if child == 0:
                 told = []
-                for use in (lambda: pen.send(0.0, 0.0, True), ft.query, ft.status, lambda: ft.pen(name="child")):
+                uses = [lambda: pen.send(0.0, 0.0, True), ft.query, ft.status, lambda: ft.pen(name="child")]
+                uses += [lambda: predictor.lost, lambda: predictor.next(0.0)]
+                for use in uses:
                     try:
                         use()
                         told.append("did it")
@@ -219,7 +222,7 @@ class Threads(World):
             with os.fdopen(reading) as pipe:
                 told = pipe.read().splitlines()
             os.waitpid(child, 0)
-            self.assertEqual(len(told), 4)
+            self.assertEqual(len(told), 6)
             for line in told:
                 self.assertIn("attach in the child", line)
             self.assertTrue(pen.send(0.0, 0.0, True))

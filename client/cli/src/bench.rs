@@ -41,7 +41,8 @@ pub(crate) struct BenchArgs {
     part: Vec<BenchPart>,
 
     /// Compare with this other foretrace: both in turn, every part and round in fresh processes, who begins
-    /// alternating; prints ratios of medians, other over this, with 95 % intervals from 6 rounds on
+    /// alternating; prints the median of the rounds' own ratios, other over this, with the 95 % interval that
+    /// the ranks of these ratios give (sign test), from 6 rounds on
     #[arg(long, value_name = "BINARY")]
     against: Option<PathBuf>,
 

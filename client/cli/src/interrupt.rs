@@ -1,25 +1,30 @@
-//! Ctrl-C, SIGTERM and SIGHUP: as a flag that loops look at, or as the end of the program at once. A second
-//! Ctrl-C ends it at once anyway.
+//! Ctrl-C, Ctrl-\, SIGTERM and SIGHUP: as a flag that loops look at, or as the end of the program at once. A
+//! second Ctrl-C ends it at once anyway.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM};
 use signal_hook::iterator::Signals;
 
 use crate::failure::{Cause, Failure};
+use crate::os::tie_to_parent;
 use crate::output::note;
+
+/// Who wants the program to end sends one of these. What it runs has process groups of its own, so that what
+/// a terminal sends at Ctrl-C, at Ctrl-\ (SIGQUIT) and when it closes (SIGHUP) reaches nobody else.
+const ENDS: [i32; 4] = [SIGINT, SIGTERM, SIGHUP, SIGQUIT];
 
 /// Set once the user wants the program to end.
 #[derive(Debug, Clone)]
 pub(crate) struct Interrupt(Arc<AtomicBool>);
 
 impl Interrupt {
-    /// Takes over SIGINT, SIGTERM and, for terminals that close, SIGHUP.
+    /// Takes over [`ENDS`].
     pub(crate) fn listen() -> Result<Self, Failure> {
         let flag = Arc::new(AtomicBool::new(false));
-        for signal in [SIGINT, SIGTERM, SIGHUP] {
+        for signal in ENDS {
             // Order matters: the first signal finds the flag down, the second one finds it up and exits.
             signal_hook::flag::register_conditional_shutdown(signal, 130, flag.clone())
                 .and_then(|_| signal_hook::flag::register(signal, flag.clone()))
@@ -46,20 +51,23 @@ impl Interrupt {
     }
 }
 
-/// For commands that only compute, run other programs and write files: Ctrl-C, SIGTERM or SIGHUP ends them at
-/// once, without half-written files, and with the programs that they run.
+/// For commands that only compute, run other programs and write files: [`ENDS`] end them at once, without
+/// half-written files, and with the programs that they run; these end with one that is killed, too.
 pub(crate) fn ends_at_once() -> Result<(), Failure> {
+    foretrace_host::children::tie_with(|command| {
+        tie_to_parent(command);
+    });
     let refused = |error: std::io::Error| {
         Failure::failed(
             format_args!("cannot listen to Ctrl-C: {error}"),
             "free some memory, threads or files",
         )
     };
-    let mut signals = Signals::new([SIGINT, SIGTERM, SIGHUP]).map_err(refused)?;
+    let mut signals = Signals::new(ENDS).map_err(refused)?;
     let ends = move || {
         if signals.forever().next().is_some() {
-            foretrace_sim::whole::give_up();
-            foretrace_sim::children::end_all();
+            foretrace_host::whole::give_up();
+            foretrace_host::children::end_all();
             note!("foretrace: interrupted");
             std::process::exit(i32::from(Cause::Interrupted as u8));
         }

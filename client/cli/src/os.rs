@@ -7,7 +7,7 @@ use std::process::Command;
 use rustix::process::{Signal, set_parent_process_death_signal};
 
 /// Lets the child end with this process, however that ends, and keeps the terminal's Ctrl-C from it: its
-/// parent ends it in order.
+/// parent ends it in order. It ends with the thread that starts it, too.
 pub(crate) fn tie_to_parent(command: &mut Command) -> &mut Command {
     let parent = std::process::id();
     command.process_group(0);

@@ -126,7 +126,7 @@ impl JsonArgs {
 
 /// Writes a text whole, or not at all, into the file of `option`.
 pub(crate) fn write_file(file: &Path, text: &str, option: &str) -> Result<(), Failure> {
-    foretrace_sim::whole::write(file, |out| out.write_all(text.as_bytes())).map_err(|error| {
+    foretrace_host::whole::write(file, |out| out.write_all(text.as_bytes())).map_err(|error| {
         let what = format_args!("cannot write {}: {error}", file.display());
         Failure::failed(what, format_args!("give a writable {option} FILE"))
     })

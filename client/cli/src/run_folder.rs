@@ -4,7 +4,7 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
-use foretrace_sim::calendar::UtcMoment;
+use foretrace_host::calendar::UtcMoment;
 
 use crate::failure::Failure;
 
@@ -15,19 +15,25 @@ pub(crate) fn new_run_folder(below: &Path, name: &str, now: SystemTime) -> Resul
         let what = format!("the folder {} cannot be made: {error}", path.display());
         Failure::failed(what, "give a folder that you may write to (--out DIR)")
     };
-    std::fs::create_dir_all(below).map_err(|error| refused(below, &error))?;
-    let mut again = 1;
+    let (mut again, mut gone) = (1, 0);
     loop {
         let folder = below.join(if again == 1 { stem.clone() } else { format!("{stem}-{again}") });
-        match std::fs::create_dir(&folder) {
+        let made = std::fs::create_dir_all(below).map_err(|error| (below, error));
+        match made.and_then(|()| std::fs::create_dir(&folder).map_err(|error| (folder.as_path(), error))) {
             Ok(()) => return Ok(folder),
-            Err(error) if error.kind() == ErrorKind::AlreadyExists && again < 1000 => again += 1,
-            Err(error) => return Err(refused(&folder, &error)),
+            Err((path, error)) => match error.kind() {
+                ErrorKind::AlreadyExists if path != below && again < 1000 => again += 1,
+                // Another run that tried the same place has just removed what it had made of it: `below` may
+                // be there when it is to be made, and gone when it is looked at.
+                ErrorKind::AlreadyExists | ErrorKind::NotFound if gone < 1000 => gone += 1,
+                _ => return Err(refused(path, &error)),
+            },
         }
     }
 }
 
-/// Whether a folder can be made in `folder`, which is made where it is not there. Leaves nothing.
+/// Whether a folder can be made in `folder`, which is made where it is not there. Leaves nothing but, beside
+/// another run that tries the same place, empty folders.
 #[cfg(feature = "lab")]
 pub(crate) fn try_folder(folder: &Path, now: SystemTime) -> Result<(), Failure> {
     let named = folder.ancestors().filter(|folder| !folder.as_os_str().is_empty());
@@ -62,5 +68,18 @@ mod tests {
         std::fs::write(&file, "").unwrap();
         let told = new_run_folder(&file, "bench", UNIX_EPOCH).unwrap_err().to_string();
         assert!(told.contains("file") && told.contains("--out DIR"), "{told}");
+    }
+
+    /// Each removes what the others may be about to use.
+    #[cfg(feature = "lab")]
+    #[test]
+    fn runs_that_try_the_same_place_at_once_do_not_refuse_each_other() {
+        let below = tempfile::tempdir().unwrap();
+        let place = below.path().join("a/b/c");
+        std::thread::scope(|scope| {
+            for _ in 0..4 {
+                scope.spawn(|| (0..500).for_each(|_| try_folder(&place, UNIX_EPOCH).unwrap()));
+            }
+        });
     }
 }

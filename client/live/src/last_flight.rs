@@ -36,7 +36,7 @@ pub fn note(root: &Path, written: &FlightFile, unix_ns: u64) -> Result<(), Recor
     let path = root.join(NOTE);
     let recording = std::path::absolute(&written.recording).unwrap_or_else(|_| written.recording.clone());
     let words = format!("{unix_ns} {} {}", written.trigger.word(), recording.display());
-    foretrace_sim::whole::write(&path, |out| out.write_all(words.as_bytes()))
+    foretrace_host::whole::write(&path, |out| out.write_all(words.as_bytes()))
         .map_err(|source| RecordError::Write { path, source })
 }
 

@@ -14,10 +14,10 @@ use std::time::{Duration, Instant, SystemTime};
 
 use foretrace_client::{Instance, JOINTS};
 use foretrace_control::arm::JointLimits;
+use foretrace_host::calendar::UtcMoment;
 use foretrace_record::figures::{Figures, figures};
 use foretrace_record::write::{FileFacts, part_of};
 use foretrace_shm::{Status, TickInput, TickRecord, Wire, monotonic_now_ns};
-use foretrace_sim::calendar::UtcMoment;
 use serde::Serialize;
 
 use crate::recorder::{Recorder, RecorderOptions, unix_minus_monotonic};

@@ -9,7 +9,7 @@ import warnings
 from unittest import mock
 
 import foretrace
-from foretrace import datasets
+from foretrace import _ink, datasets
 from support import Scratch, data, needs_numpy, numpy, recording
 
 CSV = "t_s,x_m,y_m,contact\n" + "".join(f"{0.005 * k:.3f},{1e-4 * k:.7f},0.01,{int(k < 6)}\n" for k in range(10))
@@ -305,7 +305,12 @@ class Converters(Scratch):
         self.write("iam/strokesz.xml", FORM.replace("a01-001z", "a" * 300))
         done = datasets.convert_iam_ondb(self.path("iam"), self.path("iam-out"))
         self.assertEqual((done.files, len(done.left_out)), (1, 1))
-        self.assertRegex(done.left_out[0], "form aaa.*a name that is too long here")
+        self.assertRegex(done.left_out[0], "strokesz.xml: id has 300 characters; legal: at most 100$")
+        self.write("iam/strokesz.xml", FORM.replace("a01-001z", "a" * 101))
+        with self.assertRaisesRegex(foretrace.Problem, "id has 101 characters"):
+            datasets.convert_iam_ondb(self.path("iam"), self.path("iam-strict"), strict=True)
+        self.write("iam/strokesz.xml", FORM.replace("a01-001z", "a" * 100))
+        self.assertEqual(datasets.convert_iam_ondb(self.path("iam"), self.path("iam-kept"), strict=True).files, 2)
         drawings = "\n".join(self.drawing(n) for n in range(3))
         paths = [self.write(f"q/{name}", drawings) for name in ("cat.ndjson", "c" * 251, "d" * 255, "dog.ndjson")]
         done = datasets.convert_quickdraw(paths, self.path("q-out"))
@@ -316,6 +321,10 @@ class Converters(Scratch):
         with mock.patch("foretrace._convert.DRAWINGS_PER_FILE", 1):
             done = datasets.convert_quickdraw(paths, self.path("q-parts"))
         self.assertEqual((done.sequences, len(done.left_out)), (9, 1), done.left_out)
+
+    def test_messages_show_the_begin_of_what_files_hold(self):
+        for value, begin in [(5.0, "'5.0'"), ("x" * 1000, repr("x" * 40)), (10**5000, "'a int of thousands of digits'")]:
+            self.assertEqual(_ink.shown(value), begin)
 
     def test_a_form_that_is_refused_is_not_converted(self):
         self.write("iam/d-01.xml", iam_line(STROKES))

@@ -148,7 +148,7 @@ pub fn whole<T>(
     }
     let left = |part: &Path| std::fs::remove_file(part);
     let mut file =
-        foretrace_sim::whole::begin(&part, left).map_err(|error| RecordError::of_part(&part, error))?;
+        foretrace_host::whole::begin(&part, left).map_err(|error| RecordError::of_part(&part, error))?;
     let done = write(&mut file).and_then(|done| appear(&part, target).map(|()| done));
     if done.is_err() {
         // Half a file helps nobody.

@@ -18,8 +18,4 @@ pub mod lag;
 pub mod metrics;
 pub mod spread;
 pub mod plot;
-pub mod whole;
-pub mod sha256;
-pub mod calendar;
-pub mod children;
 pub mod source;

@@ -80,11 +80,14 @@ impl DurationHistogram {
 #[must_use]
 pub fn median(values: impl IntoIterator<Item = f64>) -> Option<f64> {
     let mut sorted: Vec<f64> = values.into_iter().collect();
+    // A NaN may sort to either end.
+    if sorted.iter().any(|value| value.is_nan()) {
+        return None;
+    }
     sorted.sort_by(f64::total_cmp);
     let half = sorted.len() / 2;
     let upper = *sorted.get(half)?;
-    let middle = if sorted.len() % 2 == 1 { upper } else { 0.5 * (upper + sorted.get(half - 1)?) };
-    sorted.last().filter(|largest| !largest.is_nan()).map(|_| middle)
+    Some(if sorted.len() % 2 == 1 { upper } else { sorted.get(half - 1)?.midpoint(upper) })
 }
 
 #[cfg(test)]
@@ -96,6 +99,11 @@ mod tests {
         assert_eq!(median([3.0, 1.0, 2.0]), Some(2.0));
         assert_eq!(median([4.0, 1.0, 2.0, 3.0]), Some(2.5));
         assert_eq!((median([]), median([1.0, f64::NAN, 2.0])), (None, None));
+        // By their sign, these sort to both ends.
+        for nan in [f64::NAN, -f64::NAN] {
+            assert_eq!((median([nan]), median([1.0, nan, 2.0, 3.0])), (None, None));
+        }
+        assert_eq!(median([f64::MAX, f64::MAX]), Some(f64::MAX));
     }
 
     #[test]

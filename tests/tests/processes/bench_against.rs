@@ -1,8 +1,11 @@
 //! `foretrace bench --against`: two programs in turn, and every way in which the other one may not take part.
 
 use std::os::unix::fs::PermissionsExt;
+use std::process::{Command, Output, Stdio};
+use std::time::{Duration, Instant};
 
 use foretrace_tests::{World, told};
+use rustix::process::Signal;
 use serde_json::{Value, json};
 
 use crate::PROGRAM;
@@ -27,7 +30,7 @@ fn report(rows: &str) -> String {
 fn comparison(world: &World, other: &str, more: &[&str]) -> Value {
     let words = [&["bench", "--against", other, "--samples", "50", "--json", "-"], more].concat();
     // Its own limit of time is the bound: the world's is too short for many benches on a busy machine.
-    let mut program = std::process::Command::new(PROGRAM);
+    let mut program = Command::new(PROGRAM);
     let out = program.args(words).current_dir(world.file("")).output().unwrap();
     assert!(out.status.success(), "{}", told(&out));
     serde_json::from_slice(&out.stdout).unwrap()
@@ -110,7 +113,7 @@ fn whatever_the_other_does_instead_is_told_with_its_round_and_part_and_leaves_no
         ("echo '{}'", 5, "no horizon"),
         ("echo 'cannot plan' >&2; exit 3", 1, "exit status: 3: cannot plan"),
         ("kill -9 $$", 1, "signal: 9"),
-        ("exec sleep 600", 1, "no end within 10.0 s"),
+        ("exec sleep 600", 1, "no end within 20.0 s"),
         ("exec yes", 5, "prints more than 1048576 bytes"),
         ("exec yes >&2", 5, "prints more than 1048576 bytes"),
         (
@@ -124,7 +127,7 @@ fn whatever_the_other_does_instead_is_told_with_its_round_and_part_and_leaves_no
     for (number, (answer, code, words)) in cases.into_iter().enumerate() {
         let other = pretender(&world, &format!("other-{number}"), true, answer);
         let cells = format!("cells-{number}");
-        let limit = if words.contains("no end") { "10" } else { "120" };
+        let limit = if words.contains("no end") { "20" } else { "120" };
         let out = world.run_plain(&[
             "bench",
             "--against",
@@ -143,7 +146,8 @@ fn whatever_the_other_does_instead_is_told_with_its_round_and_part_and_leaves_no
         assert_eq!(out.status.code(), Some(code), "{answer}: {}", told(&out));
         assert!(told(&out).contains(words), "{answer}: {}", told(&out));
         if !["different", "common", "changed"].iter().any(|whole| words.contains(whole)) {
-            assert!(told(&out).contains("round 1, part lag"), "{answer}: {}", told(&out));
+            let place = format!("{other}, round 1, part lag");
+            assert!(told(&out).contains(&place), "{answer}: {}", told(&out));
         }
         let left = std::fs::read_dir(world.file(&cells)).into_iter().flatten().flatten();
         let names: Vec<String> = left.map(|file| file.file_name().to_string_lossy().into_owned()).collect();
@@ -166,7 +170,17 @@ fn whatever_the_other_does_instead_is_told_with_its_round_and_part_and_leaves_no
     std::fs::set_permissions(&stranger, std::fs::Permissions::from_mode(0o755)).unwrap();
     let mute = pretender(&world, "mute", true, &good);
     std::fs::write(&mute, "#!/bin/sh\nexit 1\n").unwrap();
+    // A file that may be run needs not be one that may be read.
+    let hidden = pretender(&world, "hidden", true, &good);
+    std::fs::set_permissions(&hidden, std::fs::Permissions::from_mode(0o111)).unwrap();
+    let refused = if world.is_unprivileged() {
+        "cannot be read, for its sum: Permission denied"
+    } else {
+        "cannot be started: Permission denied"
+    };
+    let hidden = if world.is_unprivileged() { &hidden } else { &plain };
     for (other, words) in [
+        (hidden, refused),
         (&missing, "cannot be started: No such file"),
         (&plain, "cannot be started: Permission denied"),
         (&stranger, "is not foretrace: --version says \"hello\""),
@@ -185,42 +199,52 @@ fn nothing_that_the_other_started_is_left() {
     let world = World::new(PROGRAM);
     let other =
         pretender(&world, "other", true, "sleep 600 & echo $! $$ >pids.part; mv pids.part pids; wait");
+    // The limit holds for the cell of this program, too, which comes first.
+    let late = ended_beside(&world, &other, "20", None);
+    assert_eq!(late.status.code(), Some(1), "{}", told(&late));
+    let who = format!("{other}, round 1, part lag: no end within 20.0 s");
+    assert!(told(&late).contains(&who), "{}", told(&late));
+    // What a terminal sends reaches none but the program that it began.
+    for signal in [Signal::TERM, Signal::QUIT, Signal::HUP] {
+        let out = ended_beside(&world, &other, "500", Some(signal));
+        assert_eq!(out.status.code(), Some(130), "{signal:?}: {}", told(&out));
+    }
+}
+
+/// One that is killed can end nothing: the system ends what it started.
+#[test]
+fn what_a_killed_comparison_ran_ends_with_it() {
+    let world = World::new(PROGRAM);
+    let other = pretender(&world, "other", true, "echo $$ >pids.part; mv pids.part pids; exec sleep 600");
+    let out = ended_beside(&world, &other, "500", Some(Signal::KILL));
+    assert_eq!(out.status.code(), None, "{}", told(&out));
+}
+
+/// How a comparison with `other` ends, which notes its processes in the file `pids`; `signal` is sent once it
+/// has. None of these is left.
+fn ended_beside(world: &World, other: &str, limit: &str, signal: Option<Signal>) -> Output {
     let pids = world.file("pids");
-    for interrupted in [false, true] {
-        let _ = std::fs::remove_file(&pids);
-        let limit = if interrupted { "500" } else { "3" };
-        let mut program = std::process::Command::new(PROGRAM);
-        program.args([
-            "bench",
-            "--against",
-            &other,
-            "--samples",
-            "50",
-            "--part",
-            "lag",
-            "--cell-limit",
-            limit,
-        ]);
-        program.current_dir(world.file("")).stderr(std::process::Stdio::piped());
-        let child = program.spawn().unwrap();
-        let began = std::time::Instant::now();
-        while interrupted && !pids.exists() {
+    let _ = std::fs::remove_file(&pids);
+    let words = ["bench", "--against", other, "--samples", "50", "--part", "lag", "--cell-limit", limit];
+    let mut program = Command::new(PROGRAM);
+    program.args(words).current_dir(world.file("")).stderr(Stdio::piped());
+    let child = program.spawn().unwrap();
+    let began = Instant::now();
+    if let Some(signal) = signal {
+        while !pids.exists() {
             assert!(began.elapsed().as_secs() < 120);
-            std::thread::sleep(std::time::Duration::from_millis(10));
+            std::thread::sleep(Duration::from_millis(10));
         }
-        if interrupted {
-            let pid = rustix::process::Pid::from_child(&child);
-            rustix::process::kill_process(pid, rustix::process::Signal::TERM).unwrap();
-        }
-        let out = child.wait_with_output().unwrap();
-        assert_eq!(out.status.code(), Some(if interrupted { 130 } else { 1 }), "{}", told(&out));
-        for pid in std::fs::read_to_string(&pids).unwrap().split_whitespace() {
-            while runs(pid) {
-                assert!(began.elapsed().as_secs() < 240, "{pid} is left");
-                std::thread::sleep(std::time::Duration::from_millis(10));
-            }
+        rustix::process::kill_process(rustix::process::Pid::from_child(&child), signal).unwrap();
+    }
+    let out = child.wait_with_output().unwrap();
+    for pid in std::fs::read_to_string(&pids).unwrap().split_whitespace() {
+        while runs(pid) {
+            assert!(began.elapsed().as_secs() < 240, "{pid} is left");
+            std::thread::sleep(Duration::from_millis(10));
         }
     }
+    out
 }
 
 /// Whether a process is there that has not ended: one that nobody has waited for yet has.

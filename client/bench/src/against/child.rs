@@ -9,9 +9,9 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 
 use foretrace_failure::Failure;
-use foretrace_sim::children::GroupChild;
-use foretrace_sim::sha256::sha256_of_file;
-use foretrace_sim::whole;
+use foretrace_host::children::GroupChild;
+use foretrace_host::sha256::sha256_of_file;
+use foretrace_host::whole;
 
 use crate::BenchPart;
 
@@ -37,7 +37,10 @@ impl BenchProgram {
     /// Asks it for its version and its options.
     pub(super) fn greeted(path: &Path) -> Result<Self, Failure> {
         let path = &path.canonicalize().map_err(|error| unstarted(path, &error))?;
-        let sha256 = sha256_of_file(path).map_err(|error| unstarted(path, &error))?;
+        let sha256 = sha256_of_file(path).map_err(|error| {
+            let what = format!("{} cannot be read, for its sum: {error}", path.display());
+            Failure::bad_input(what, FORETRACE)
+        })?;
         let version = asked(path, &["--version"])?;
         let version = version.lines().next().unwrap_or_default();
         let Some(version) = version.strip_prefix("foretrace ").filter(|rest| !rest.is_empty()) else {

@@ -1,9 +1,9 @@
 //! Two programs in turn: every cell, which is one part of the bench in one round, in a fresh process of each.
 //!
 //! Contract: who begins alternates by round. What each process printed is kept as it is. A row is the median
-//! over rounds of a cell's p50; ratios are the other program's over this one's, with an interval by bootstrap
-//! over rounds; too few of these give none. Whatever a program does instead of measuring is an error that
-//! names it, round and part. None outlives this one.
+//! over rounds of a cell's p50; a ratio is the median over rounds of the other program's p50 over this one's
+//! in the same round, with an interval of ranks; too few rounds give none. Whatever a program does instead of
+//! measuring is an error that names it, round and part. None outlives this one.
 
 mod child;
 mod ratio;
@@ -16,10 +16,9 @@ use foretrace_failure::Failure;
 use serde::Serialize;
 
 use crate::BenchPart;
-use crate::dice::BenchDice;
 use child::BenchProgram;
 pub use ratio::RowRatio;
-use ratio::{CONFIDENCE, ComparedRows, RESAMPLES, ROUNDS_MIN, compared};
+use ratio::{CONFIDENCE, ComparedRows, ROUNDS_MIN, compared};
 use rows::BenchCell;
 
 /// What to measure, and how.
@@ -90,10 +89,8 @@ pub struct BenchComparison {
     rounds: u32,
     horizon: u64,
     samples: u64,
-    /// Share of the bootstraps inside an interval.
+    /// How often an interval holds the median, at least.
     confidence: f64,
-    resamples: u32,
-    seed: u64,
     /// Options that both got.
     options: Vec<String>,
     pub rows: Vec<RowRatio>,
@@ -167,8 +164,6 @@ pub fn compare(plan: &AgainstPlan<'_>, mut done: impl FnMut(u32)) -> Result<Benc
         horizon,
         samples,
         confidence: CONFIDENCE,
-        resamples: RESAMPLES,
-        seed: BenchDice::SEED,
         options: plan.options.to_vec(),
         rows,
         only_this,
@@ -213,10 +208,11 @@ impl BenchComparison {
             format!("this     {}   {}", self.this.version, self.this.program.display()),
             format!("other    {}   {}", self.other.version, self.other.program.display()),
             format!(
-                "medians over {} rounds of p50 [µs], plans of {} steps, {} instances; other / this, {:.0} % interval\n",
-                self.rounds,
-                self.horizon,
-                self.samples,
+                "medians over {} rounds of p50 [µs], plans of {} steps, {} instances",
+                self.rounds, self.horizon, self.samples
+            ),
+            format!(
+                "ratio: median of the rounds' own ratios, other / this; interval: their {:.0} % interval by rank\n",
                 self.confidence * 100.0
             ),
         ];

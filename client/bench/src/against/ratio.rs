@@ -1,4 +1,4 @@
-//! The ratio of two programs' medians of a row, with what chance may have made of it.
+//! The ratio of two programs in a row, round by round, with what chance may have made of its median.
 
 use std::collections::BTreeMap;
 
@@ -6,13 +6,11 @@ use foretrace_sim::spread::median;
 use serde::Serialize;
 
 use super::rows::BenchCell;
-use crate::dice::BenchDice;
 
-/// Share of the bootstraps inside an interval.
+/// An interval holds the median of the ratios of all rounds that there could be at least so often.
 pub(super) const CONFIDENCE: f64 = 0.95;
-pub(super) const RESAMPLES: u32 = 2000;
-/// The interval needs so many rounds. The widest that bootstraps of n rounds can be, least to largest ratio,
-/// misses the median of all rounds with probability 2^(1 - n): of five, more often than one in twenty.
+/// The interval needs so many rounds: that of five from the least ratio to the largest misses the median with
+/// probability 2^(1 - 5), more often than one in twenty.
 pub(super) const ROUNDS_MIN: usize = 6;
 
 /// One row of both.
@@ -22,7 +20,7 @@ pub struct RowRatio {
     /// Medians over rounds \[µs\].
     pub this_us: f64,
     pub other_us: f64,
-    /// Other over this: above 1, this program is faster.
+    /// Median over rounds of other over this, both of one round: above 1, this program is faster.
     pub ratio: f64,
     /// The interval around it; `null` with fewer than 6 rounds, which say too little for one.
     pub low: Option<f64>,
@@ -68,37 +66,46 @@ fn rounds_of(cells: &[BenchCell]) -> BTreeMap<String, Vec<f64>> {
     found
 }
 
-/// Ratio of medians, and the middle of its bootstraps: whole rounds are drawn with replacement, so that both
-/// programs keep the moment that they shared.
-///
-/// Source: Efron and Tibshirani 1993, An Introduction to the Bootstrap, section 13.3 (percentile interval).
+/// Each round gives one ratio, so that both programs keep the moment that they shared.
 fn ratio(row: String, this: &[f64], other: &[f64]) -> RowRatio {
-    let [this_us, other_us] = [this, other].map(|rounds| median(rounds.iter().copied()).unwrap_or(f64::NAN));
-    let [low, high] = interval(this, other).map_or([None; 2], |ends| ends.map(Some));
-    RowRatio { row, this_us, other_us, ratio: other_us / this_us, low, high }
+    let middle = |values: &[f64]| median(values.iter().copied()).unwrap_or(f64::NAN);
+    let mut ratios: Vec<f64> = this.iter().zip(other).map(|(this, other)| other / this).collect();
+    ratios.sort_by(f64::total_cmp);
+    let [low, high] = interval(&ratios).map_or([None; 2], |ends| ends.map(Some));
+    RowRatio { row, this_us: middle(this), other_us: middle(other), ratio: middle(&ratios), low, high }
 }
 
-fn interval(this: &[f64], other: &[f64]) -> Option<[f64; 2]> {
-    if this.len() < ROUNDS_MIN {
-        return None;
+/// From the k-th smallest to the k-th largest ratio. Nothing is assumed of how ratios are spread: each lies
+/// below their median as often as above it.
+///
+/// Source: Conover 1999, Practical Nonparametric Statistics, 3rd edition, section 3.2 (intervals of
+/// quantiles).
+fn interval(sorted: &[f64]) -> Option<[f64; 2]> {
+    let rank = rank(sorted.len())?;
+    Some([*sorted.get(rank - 1)?, *sorted.get(sorted.len() - rank)?])
+}
+
+/// The largest k for which fewer than k of so many fair coins, on either side, fall with at most the
+/// probability that [`CONFIDENCE`] leaves; none below [`ROUNDS_MIN`].
+fn rank(rounds: usize) -> Option<usize> {
+    // That exactly k coins fall, and fewer than k.
+    let (mut exactly, mut fewer) = (0.5_f64.powi(i32::try_from(rounds).ok()?), 0.0);
+    let mut rank = None;
+    for k in 1..=rounds {
+        fewer += exactly;
+        if 2.0 * fewer > 1.0 - CONFIDENCE {
+            break;
+        }
+        exactly *= (rounds - k + 1) as f64 / k as f64;
+        rank = Some(k);
     }
-    let mut dice = BenchDice::new();
-    let mut ratios: Vec<f64> = (0..RESAMPLES)
-        .map(|_| {
-            let drawn: Vec<usize> = this.iter().map(|_| dice.place(this.len())).collect();
-            let of = |rounds: &[f64]| median(drawn.iter().map(|round| rounds[*round])).unwrap_or(f64::NAN);
-            of(other) / of(this)
-        })
-        .collect();
-    ratios.sort_by(f64::total_cmp);
-    let at = |share: f64| ratios.get((share * (ratios.len() - 1) as f64).round() as usize).copied();
-    let tail = (1.0 - CONFIDENCE) / 2.0;
-    Some([at(tail)?, at(1.0 - tail)?])
+    rank
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::dice::BenchDice;
 
     #[test]
     fn equal_rounds_leave_no_doubt_and_the_ratio_is_the_others_over_ours() {
@@ -107,21 +114,47 @@ mod tests {
         assert_eq!((row.low, row.high), (Some(1.5), Some(1.5)));
     }
 
-    /// What is called 95 % holds the truth that often: the median of a wide lot from which rounds are drawn.
+    /// The interval misses the median where fewer than k of n ratios lie on one side of it: counted in whole
+    /// numbers, over all ways in which n coins fall.
+    #[test]
+    fn intervals_hold_the_median_in_95_of_100_cases_and_the_next_narrower_ones_do_not() {
+        assert_eq!((0..6).map(rank).collect::<Vec<_>>(), [None; 6]);
+        for rounds in 6..=100_usize {
+            let mut row = vec![1_u128];
+            for _ in 0..rounds {
+                let next =
+                    |k: usize| row.get(k).unwrap_or(&0) + k.checked_sub(1).map_or(0, |below| row[below]);
+                row = (0..=row.len()).map(next).collect();
+            }
+            let all: u128 = row.iter().sum();
+            // In twentieths.
+            let misses = |rank: usize| 20 * 2 * row[..rank].iter().sum::<u128>() > all;
+            let rank = rank(rounds).unwrap();
+            assert!(!misses(rank) && misses(rank + 1), "{rank} of {rounds}");
+        }
+        let ranks = [(6, 1), (8, 1), (9, 2), (11, 2), (12, 3), (20, 6), (40, 14)];
+        assert!(ranks.iter().all(|(rounds, k)| rank(*rounds) == Some(*k)));
+    }
+
+    /// The same by chance, with ratios that are spread unevenly and rounds of which the machine was slow.
     #[test]
     fn intervals_hold_the_truth_as_often_as_they_say_and_fewer_rounds_have_none() {
         let few = ratio("few".to_owned(), &[1.0; 5], &[1.0, 2.0, 3.0, 4.0, 5.0]);
         assert_eq!((few.ratio, few.low, few.high), (3.0, None, None));
         let mut dice = BenchDice::new();
-        for (rounds, least) in [(6, 0.93), (10, 0.93)] {
-            let holds = (0..400).filter(|_| {
-                let other: Vec<f64> =
-                    (0..rounds).map(|_| 1.0 + dice.next() as f64 / BenchDice::BOUND as f64).collect();
-                let row = ratio("row".to_owned(), &vec![1.0; rounds], &other);
-                row.low.unwrap() <= 1.5 && 1.5 <= row.high.unwrap()
+        let mut drawn = || dice.next() as f64 / BenchDice::BOUND as f64;
+        for rounds in [6, 7, 8, 10, 14, 21] {
+            let holds = (0..4000).filter(|_| {
+                let slow: Vec<f64> = (0..rounds).map(|_| 1.0 + 9.0 * drawn()).collect();
+                // The square of what is even from 0 to 1 has the median 1/4.
+                let other: Vec<f64> = slow.iter().map(|us| us * (1.0 + drawn().powi(2))).collect();
+                let row = ratio("row".to_owned(), &slow, &other);
+                assert!(row.low.unwrap() <= row.ratio && row.ratio <= row.high.unwrap());
+                row.low.unwrap() <= 1.25 && 1.25 <= row.high.unwrap()
             });
-            let share = holds.count() as f64 / 400.0;
-            assert!(share > least, "{share} of {rounds} rounds");
+            let share = holds.count() as f64 / 4000.0;
+            // Three times what 4000 draws make of a share of 0.95.
+            assert!(share > 0.95 - 0.0104, "{share} of {rounds} rounds");
         }
     }
 

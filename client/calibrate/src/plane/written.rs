@@ -42,7 +42,7 @@ pub fn write(path: &Path, fit: &PlaneFit) -> Result<(), Failure> {
     if !says(config.settings(), fit) {
         return Err(refused("its [plane] is written in a way that is not understood here".to_owned()));
     }
-    foretrace_sim::whole::write(path, |file| std::io::Write::write_all(file, new.as_bytes()))
+    foretrace_host::whole::write(path, |file| std::io::Write::write_all(file, new.as_bytes()))
         .map_err(|error| refused(error.to_string()))
 }
 

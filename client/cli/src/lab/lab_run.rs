@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 use std::time::{Instant, SystemTime};
 
 use foretrace_config::Config;
+use foretrace_host::calendar::UtcMoment;
+use foretrace_host::sha256::Sha256;
 use foretrace_lab::sets::FolderSum;
-use foretrace_sim::calendar::UtcMoment;
-use foretrace_sim::sha256::Sha256;
 use serde::Serialize;
 
 use super::write_text;

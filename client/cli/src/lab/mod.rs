@@ -172,7 +172,7 @@ fn say_picture(file: &Path) {
 
 /// Writes a text whole, or not at all.
 fn write_text(file: &Path, text: &str) -> Result<(), Failure> {
-    foretrace_sim::whole::write(file, |out| out.write_all(text.as_bytes())).map_err(|error| {
+    foretrace_host::whole::write(file, |out| out.write_all(text.as_bytes())).map_err(|error| {
         let what = format!("{} cannot be written: {error}", file.display());
         Failure::failed(what, "choose a file in an existing folder with room that you may write to")
     })

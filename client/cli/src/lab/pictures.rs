@@ -117,7 +117,7 @@ fn of_recordings(out: &Path, file: &str, line: &str, made: &str) -> Result<(), F
     say!("{file}\n  foretrace lab {line}");
     crate::run(&arguments(&format!("lab {line} --out {}", folder.display()))?.command)?;
     let picture = std::fs::read(folder.join(made)).map_err(failed)?;
-    foretrace_sim::whole::write(&out.join(file), |out| std::io::Write::write_all(out, &picture))
+    foretrace_host::whole::write(&out.join(file), |out| std::io::Write::write_all(out, &picture))
         .map_err(failed)
 }
 

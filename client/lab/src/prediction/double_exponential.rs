@@ -16,7 +16,7 @@ const ALPHAS: [f64; 21] = [
 /// Index of the α for sets without a train part: the best 10 ms ahead on the train writers of unipen-ced
 /// (`foretrace lab table1 --data unipen-ced --models double-exponential` says it).
 const UNTRAINED: usize = 19;
-/// The look-ahead time whose α is named beside the nearest and the farthest \[ns\].
+/// The step nearest to this look-ahead time has its α named beside the nearest and the farthest \[ns\].
 const NAMED_NS: f64 = 1e7;
 /// Farthest look-ahead with an α of its own \[ns\], and most steps to it.
 const FARTHEST_NS: f64 = 2e8;
@@ -58,8 +58,9 @@ pub(super) struct DoubleExponential {
     smoothed: [Smoothed; ALPHAS.len()],
     /// Index of the α for one, two … steps ahead.
     chosen: Vec<usize>,
-    /// Steps to the look-ahead time that is named.
+    /// The step that is named, and how far ahead that is \[ms\].
     named_steps: usize,
+    named_ms: f64,
     tuning: Option<AlphaTuning>,
 }
 
@@ -77,7 +78,8 @@ impl DoubleExponential {
         let tuning = AlphaTuning { squares: vec![[0.0; ALPHAS.len()]; steps], past: Default::default() };
         let named_steps = ((NAMED_NS / step_ns).round() as usize).clamp(1, steps);
         let chosen = vec![UNTRAINED; steps];
-        Self { smoothed: Default::default(), chosen, named_steps, tuning: Some(tuning) }
+        let named_ms = named_steps as f64 * step_ns / 1e6;
+        Self { smoothed: Default::default(), chosen, named_steps, named_ms, tuning: Some(tuning) }
     }
 
     fn advance(&mut self, v: [f64; 2]) {
@@ -163,7 +165,9 @@ impl Contestant for DoubleExponential {
         let (steps, named) = (self.chosen.len(), self.chosen.get(self.named_steps - 1)?);
         let ends =
             format!("α from {:.2}, 1 step ahead, to {:.2}, {steps} steps ahead", alpha(*near), alpha(*far));
-        Some(format!("{ends}; {:.2} 10 ms ahead", alpha(*named)))
+        // To a tenth, and none where it is whole.
+        let ms = (10.0 * self.named_ms).round() / 10.0;
+        Some(format!("{ends}; {:.2} {ms} ms ahead", alpha(*named)))
     }
 }
 
@@ -279,6 +283,16 @@ mod tests {
         model.chosen = (0..40).map(|steps| steps.min(ALPHAS.len() - 1)).collect();
         let note = model.trained_note().unwrap();
         assert_eq!(note, "α from 0.01, 1 step ahead, to 0.95, 40 steps ahead; 0.02 10 ms ahead");
+    }
+
+    #[test]
+    fn where_no_step_ends_at_10_ms_the_note_says_how_far_ahead_the_named_one_is() {
+        for (rate_hz, end) in [(60.0, "; 0.01 16.7 ms ahead"), (300.0, "; 0.05 10 ms ahead")] {
+            let mut model = DoubleExponential::new(1e9 / rate_hz);
+            model.chosen = (0..model.chosen.len()).map(|steps| steps.min(ALPHAS.len() - 1)).collect();
+            let note = model.trained_note().unwrap();
+            assert!(note.ends_with(end), "{note}");
+        }
     }
 
     #[test]

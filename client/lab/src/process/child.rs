@@ -6,7 +6,7 @@ use std::os::unix::net::UnixStream;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-use foretrace_sim::children::GroupChild;
+use foretrace_host::children::GroupChild;
 use rustix::net::{RecvFlags, recv};
 
 use super::LONGEST_LINE;

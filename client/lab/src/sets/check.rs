@@ -5,8 +5,8 @@ use std::io::{ErrorKind, Write as _};
 use std::path::Path;
 
 use foretrace_failure::Failure;
+use foretrace_host::sha256::sha256_of_file;
 use foretrace_sim::data::{DataSet, load_recording};
-use foretrace_sim::sha256::sha256_of_file;
 use serde::Serialize;
 
 use super::split_rule::by_place;
@@ -105,7 +105,7 @@ fn split(set: &PublishedSet, folder: &Path) -> Result<SplitFound, Failure> {
             Err(Failure::bad_input(what, "move it away to get the one of the results"))
         }
         Err(error) if error.kind() == ErrorKind::NotFound => {
-            let written = foretrace_sim::whole::write(&path, |out| out.write_all(table.as_bytes()));
+            let written = foretrace_host::whole::write(&path, |out| out.write_all(table.as_bytes()));
             written.map_err(|error| {
                 let what = format!("{} cannot be written: {error}", path.display());
                 Failure::failed(what, "make the folder one that you may write to")

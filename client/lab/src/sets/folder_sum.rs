@@ -4,7 +4,7 @@ use std::io;
 use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
 
-use foretrace_sim::sha256::{Sha256, sha256_of_file};
+use foretrace_host::sha256::{Sha256, sha256_of_file};
 use serde::Serialize;
 
 /// More would be no set.

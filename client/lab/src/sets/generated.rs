@@ -86,7 +86,7 @@ impl GeneratedSet {
         // In the order of names the table is last.
         for (name, text) in &files {
             let path = folder.join(name);
-            let written = foretrace_sim::whole::write(&path, |out| out.write_all(text.as_bytes()));
+            let written = foretrace_host::whole::write(&path, |out| out.write_all(text.as_bytes()));
             written.map_err(|error| {
                 Failure::failed(format!("{} cannot be written: {error}", path.display()), remedy)
             })?;

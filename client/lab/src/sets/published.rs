@@ -10,7 +10,7 @@ pub struct PublishedSet {
     /// Where the files are that were measured, and whose they are.
     pub source: &'static str,
     pub licence: &'static str,
-    /// Lines for a shell, in the folder of the unpacked archive.
+    /// Lines for a shell, in the folder in which the unpacked archive is.
     pub unpack: &'static [&'static str],
     pub split: SplitRule,
     /// The rule in words.
@@ -69,9 +69,10 @@ const SETS: [PublishedSet; 4] = [
         source: "https://doi.org/10.24432/C5MG6K (UCI data set 81, E. Alpaydin and F. Alimoglu)",
         licence: "CC BY 4.0",
         unpack: &[
+            "# unpack the archive, which has no folder, in one of the archive's name",
             "mkdir -p pendigits-orig",
-            "gunzip pendigits-orig.tra.Z pendigits-orig.tes.Z    # where they are compressed",
-            "mv pendigits-orig.tra pendigits-orig.tes pendigits-orig/",
+            "cp pen+based+recognition+of+handwritten+digits/pendigits-orig.t[re]* pendigits-orig/",
+            "find pendigits-orig -name '*.Z' -exec gunzip {} +    # where they are compressed",
         ],
         split: SplitRule::ByFile,
         split_words: "the set's own: .tra is train, .tes is test",
@@ -148,18 +149,41 @@ mod tests {
         let set = PublishedSet::named("character-trajectories").unwrap();
         assert!(set.source.starts_with("https://github.com/ShuningZhao/Character-Trajectories"));
         for archive in ["Character-Trajectories", "Character-Trajectories-master"] {
-            let beside = tempfile::tempdir().unwrap();
-            std::fs::create_dir(beside.path().join(archive)).unwrap();
-            for (file, _) in set.sums() {
-                std::fs::write(beside.path().join(archive).join(file), file).unwrap();
-            }
-            let lines = set.unpack.join("\n");
+            unpacks(set, |file| format!("{archive}/{file}"));
+        }
+        for name in ["unipen-ced", "unipen-tos"] {
+            unpacks(PublishedSet::named(name).unwrap(), |file| format!("train_r01_v07/{file}"));
+        }
+        let archive = "pen+based+recognition+of+handwritten+digits";
+        let set = PublishedSet::named("pendigits-orig").unwrap();
+        unpacks(set, |file| format!("{archive}/{file}"));
+        // Compressed by gzip here, whose program takes what compress wrote, too.
+        unpacks(set, |file| format!("{archive}/{file}.Z"));
+    }
+
+    /// Runs the lines of `set` beside an archive that has each file at `place`, compressed if so called.
+    fn unpacks(set: &PublishedSet, place: impl Fn(&str) -> String) {
+        let beside = tempfile::tempdir().unwrap();
+        let shell = |line: &str| {
             let mut shell = std::process::Command::new("sh");
-            assert!(shell.args(["-euc", &lines]).current_dir(beside.path()).status().unwrap().success());
-            assert!(set.sums().count() == 2);
-            for (file, _) in set.sums() {
-                assert!(beside.path().join(set.name).join(file).is_file(), "{file}");
+            let ended = shell.args(["-euc", line]).current_dir(beside.path()).status().unwrap();
+            assert!(ended.success(), "{line}");
+        };
+        // Of this folder's files no sum is known.
+        std::fs::create_dir_all(beside.path().join("train_r01_v07/include/ced")).unwrap();
+        for (file, _) in set.sums() {
+            let there = beside.path().join(place(file));
+            std::fs::create_dir_all(there.parent().unwrap()).unwrap();
+            std::fs::write(&there, file).unwrap();
+            if place(file).ends_with(".Z") {
+                shell(&format!("gzip -c '{0}' >packed && mv packed '{0}'", place(file)));
             }
+        }
+        shell(&set.unpack.join("\n"));
+        assert!(set.sums().count() >= 2);
+        for (file, _) in set.sums() {
+            let unpacked = std::fs::read_to_string(beside.path().join(set.name).join(file));
+            assert_eq!(unpacked.ok().as_deref(), Some(file), "{}", set.name);
         }
     }
 }

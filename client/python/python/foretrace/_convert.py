@@ -93,7 +93,7 @@ class _IamForms:
         else:
             # The file of form a01-001z is a01-001/strokesz.xml.
             own = folder + stem[len("strokes") :] if stem.startswith("strokes") else stem
-            name = (form.get("id") if form is not None else None) or own
+            name = (hand(form.get("id"), f"{path}: id") if form is not None else None) or own
         # Before the file counts: one that is refused is not read again.
         writer = hand(form.get("writerID"), f"{path}: writerID") if form is not None else ""
         other = self.paths.setdefault(name, {}).setdefault(number_of, path)

@@ -1,4 +1,4 @@
-"""What callers give as whole numbers, and how messages show what they gave."""
+"""What callers give as whole numbers, and how messages show what they and their files gave."""
 
 from __future__ import annotations
 

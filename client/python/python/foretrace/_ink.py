@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from typing import Any, BinaryIO, NamedTuple, Sequence, Union
 from xml.sax.saxutils import escape
 
+from ._given import told
 from ._native import Problem
 
 Name = Union[str, "os.PathLike[str]"]
@@ -78,11 +79,11 @@ class Target:
             raise Problem(f"cannot write {self.final}: {why(error)}") from None
         return self
 
-    def leave_out(self, why: str) -> None:
+    def leave_out(self, reason: str) -> None:
         """Remembers what is not used; an error where strict."""
         if self.strict:
-            raise Problem(why)
-        self.done.left_out.append(why)
+            raise Problem(reason)
+        self.done.left_out.append(reason)
 
     def add(self, name: str, part: str, inks: Sequence[Ink], of: str) -> bool:
         """One file with these sequences, which were read from `of`; whether its name can be had."""
@@ -158,11 +159,8 @@ def clean(text: str) -> str:
 
 
 def shown(value: Any) -> str:
-    """The begin of a foreign value, for a message."""
-    try:
-        return repr(str(value)[:40])
-    except ValueError:
-        return "a number of thousands of digits"
+    """The begin of a foreign value, for a message, in quotes: where it ends can be seen."""
+    return repr(told(value)[:40])
 
 
 def number(text: Any, what: str, most: float = 1e12) -> str:
@@ -196,7 +194,7 @@ def label(value: Any, what: str) -> str:
 
 
 def hand(value: Any, what: str) -> str:
-    """As `label`, of a writer's name; the lab compares as much of it as is legal here."""
+    """As `label`, of a name, such as a writer's; the lab compares as much of it as is legal here."""
     text = label(value, what)
     if len(text) > LONGEST_NAME:
         raise Refused(f"{what} has {len(text)} characters; legal: at most {LONGEST_NAME}")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any, Iterator, NamedTuple, Sequence
 
 from . import _native, messages
+from ._given import told
 from ._native import Invalid, Problem
 from .handles import Closable, _bits, _each, _stamp
 
@@ -42,7 +43,7 @@ def _joints(name: str, values: Sequence[float], unit: str) -> list[float]:
     try:
         joints = [float(value) for value in values]
     except (TypeError, ValueError, OverflowError):
-        raise Invalid(f"{name} = {values!r}: {JOINTS} numbers, one per joint [{unit}]") from None
+        raise Invalid(f"{name} is {told(values)}; legal: {JOINTS} numbers, one per joint [{unit}]") from None
     if len(joints) != JOINTS:
         raise Invalid(f"{name} has {len(joints)} values: {JOINTS}, one per joint [{unit}]")
     return joints

@@ -11,6 +11,7 @@ from types import TracebackType
 from typing import Any, Iterator, Protocol, Sequence, TypeVar
 
 from . import _native, messages
+from ._given import told, whole
 from ._native import Invalid, Problem
 from .clocks import mapping
 
@@ -107,7 +108,7 @@ class _Feed(Closable):
     def _sample(
         self, x: Any, y: Any, contact: Any, stamp: Any, pressure: Any, tilt: Any, flags: Any
     ) -> tuple[int, float, float, bool, float | None, list[float] | None, int]:
-        when = _native.now_ns() if stamp is None else self._map(_whole("stamp", stamp))
+        when = _native.now_ns() if stamp is None else self._map(whole("stamp", stamp, "whole nanoseconds", "0 to 2^64 - 1 ns"))
         if not 0 <= when < 2**64:
             raise Invalid(f"stamp = {stamp} ns is {when} ns on the clock of time.monotonic_ns(), which begins at 0")
         bits = _bits("flags", flags)
@@ -118,7 +119,7 @@ class _Feed(Closable):
             except TypeError:
                 leaning = [_number("tilt", tilt, "rad")]
             if len(leaning) != 2:
-                raise Invalid(f"tilt = {tilt!r}: two numbers, towards x and y [rad]")
+                raise Invalid(f"tilt is {told(tilt)}; legal: two numbers, towards x and y [rad]")
         pressed = None if pressure is None else _number("pressure", pressure, "0 to 1")
         return when, _number("x", x, "m"), _number("y", y, "m"), bool(contact), pressed, leaning, bits
 
@@ -136,31 +137,15 @@ def _number(name: str, value: Any, unit: str) -> float:
     try:
         return float(value)
     except (TypeError, ValueError, OverflowError):
-        raise Invalid(f"{name} = {value!r} is not a number [{unit}]") from None
-
-
-def _whole(name: str, value: Any) -> int:
-    try:
-        number = int(value)
-        if number == value:
-            return number
-    except (TypeError, ValueError, OverflowError):
-        pass
-    raise Invalid(f"{name} = {value!r} is not a whole number")
+        raise Invalid(f"{name} is {told(value)}; legal: a number [{unit}]") from None
 
 
 def _bits(name: str, value: Any) -> int:
-    number = _whole(name, value)
-    if not 0 <= number < 2**32:
-        raise Invalid(f"{name} = {value}: from 0 to {2**32 - 1}")
-    return number
+    return whole(name, value, "a whole number", f"0 to {2**32 - 1}", 2**32 - 1)
 
 
 def _stamp(name: str, value: Any) -> int:
-    number = _whole(name, value)
-    if not 0 <= number < 2**63:
-        raise Invalid(f"{name} = {value}: a whole number from 0")
-    return number
+    return whole(name, value, "whole nanoseconds", "0 to 2^63 - 1 ns", 2**63 - 1)
 
 
 def _seconds(name: str, value: Any) -> float:

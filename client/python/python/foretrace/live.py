@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import atexit
-import math
 import os
 import sys
 import threading
@@ -13,6 +12,7 @@ from types import TracebackType
 from typing import Any, Callable, NamedTuple, Sequence, TypeVar
 
 from . import _native, messages
+from ._given import told, whole
 from ._native import Invalid, NoAnswer, Problem, Taken
 from .arm import ArmInterface, ArmPorts, decelerations
 from .clocks import mapping
@@ -95,9 +95,7 @@ def stop(instance: int = 0, *, root: str | os.PathLike[str] | None = None, timeo
 
 
 def _instance(number: int) -> int:
-    if isinstance(number, int) and 0 <= number < 2**32:
-        return number
-    raise Invalid(f"instance = {number!r}: a whole number from 0")
+    return whole("instance", number, "a whole number", f"0 to {2**32 - 1}", 2**32 - 1)
 
 
 def _holder(name: str | None) -> str:
@@ -165,8 +163,8 @@ class Foretrace(Closable):
             return self._answer(self._native.trust_auto(timeout))
         if value == "freeze":
             return self._answer(self._native.freeze_trust(timeout))
-        if isinstance(value, str) or not math.isfinite(value) or not 0.0 <= value <= 1.0:
-            raise Invalid(f'trust = {value!r}: a number from 0 to 1, "auto" or "freeze"')
+        if isinstance(value, str) or not 0.0 <= value <= 1.0:
+            raise Invalid(f'trust = {told(value)}: a number from 0 to 1, "auto" or "freeze"')
         return self._answer(self._native.set_trust(value, timeout))
 
     def predictor(self, name: str, *, timeout: float = 2.0) -> Answer:

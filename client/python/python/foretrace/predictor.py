@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Any, Iterator, Sequence
 
 from . import _native, messages
+from ._given import whole
 from ._native import Invalid
-from .handles import Closable, _whole
+from .handles import Closable
 
 
 class PredictorInterface(Closable):
@@ -40,7 +41,7 @@ class PredictorInterface(Closable):
 
     @property
     def lost(self) -> int:
-        """Steps that this program will never see: 256 (2.56 s of them) wait for it, older ones make room."""
+        """Steps that this program will never see: 256 (2.56 s at 10 ms) wait for it, older ones make room."""
         return self._native.lost
 
     def send(self, step: messages.PenStep | int, positions: Any, radii: Sequence[float] | None = None) -> bool:
@@ -54,14 +55,13 @@ class PredictorInterface(Closable):
         for the place, `NoDaemon`. What the daemon refuses (malformed, late, repeated, wild) it counts:
         `Foretrace.status().external`.
         """
-        index = step.index if isinstance(step, messages.PenStep) else _whole("step", step)
+        given = step.index if isinstance(step, messages.PenStep) else step
+        index = whole("step", given, "a step or its index", "an index from 0 to 2^64 - 1")
         try:
             points = [[float(x), float(y)] for x, y in positions]
             widths = [] if radii is None else [float(radius) for radius in radii]
         except (TypeError, ValueError, OverflowError) as error:
             raise Invalid(f"positions are pairs of numbers [m], radii are numbers [m]: {error}") from None
-        if not 0 <= index < 2**64:
-            raise Invalid(f"step {index}: an index of the pen's grid is from 0 to {2**64 - 1}")
         return self._native.send(index, points, widths)
 
     def handed_to(self) -> str | None:

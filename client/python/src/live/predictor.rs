@@ -19,7 +19,7 @@ use super::worker::{Closing, HandleWorker, closed, locked, same_process, seconds
 const COLLECT: Duration = Duration::from_millis(1);
 /// Between two looks for Ctrl-C.
 const LOOK: Duration = Duration::from_millis(100);
-/// Steps that wait for Python at most: 2.56 s. As the middleware keeps.
+/// Steps that wait for Python at most: 2.56 s at 10 ms. As the middleware keeps.
 const ROOM: usize = 256;
 const NAME: &str = "the predictor";
 
@@ -157,8 +157,10 @@ impl PredictorHandle {
 
     /// Steps that were never given out.
     #[getter]
-    fn lost(&self) -> u64 {
-        locked(&self.queue.0).lost
+    fn lost(&self) -> PyResult<u64> {
+        // A lock that another thread of the parent held at the fork stays shut here.
+        same_process(self.pid, NAME)?;
+        Ok(locked(&self.queue.0).lost)
     }
 
     fn handed_to(&self, py: Python<'_>) -> PyResult<Option<String>> {

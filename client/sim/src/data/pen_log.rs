@@ -13,7 +13,7 @@
 
 use super::csv::{HEADER, MARK, UNKNOWN, VERSION, row};
 use crate::path::PathSample;
-use crate::whole::begin;
+use foretrace_host::whole::begin;
 use std::fs::File;
 use std::io::{self, BufWriter, Seek as _, SeekFrom, Write as _};
 use std::path::{Path, PathBuf};

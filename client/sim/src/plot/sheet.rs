@@ -135,7 +135,7 @@ impl Picture {
     /// # Errors
     /// [`PlotError::Writing`]: the file system refused.
     pub fn write(&self, file: &Path) -> Result<(), PlotError> {
-        let written = crate::whole::write(file, |out| out.write_all(self.standalone().as_bytes()));
+        let written = foretrace_host::whole::write(file, |out| out.write_all(self.standalone().as_bytes()));
         written.map_err(|e| PlotError::Writing { file: file.to_path_buf(), why: e.to_string() })
     }
 

@@ -174,7 +174,7 @@ pub fn export(
     std::fs::create_dir_all(folder)?;
     let targets = Targets::of(sequences);
     let paths = [folder.join(format!("{name}-points.csv")), folder.join(format!("{name}-targets.csv"))];
-    foretrace_sim::whole::write(&paths[0], |out| {
+    foretrace_host::whole::write(&paths[0], |out| {
         writeln!(out, "file,segment,t,t_s,x,y,stroke_start")?;
         for (index, s) in sequences.iter().enumerate() {
             for (t, [x, y]) in targets.points(index).iter().enumerate() {
@@ -185,7 +185,7 @@ pub fn export(
         }
         Ok(())
     })?;
-    foretrace_sim::whole::write(&paths[1], |out| write_targets(out, sequences, &targets))?;
+    foretrace_host::whole::write(&paths[1], |out| write_targets(out, sequences, &targets))?;
     Ok(paths)
 }
 

@@ -1,6 +1,7 @@
 //! The column of time: its unit, its zero, and what of it is no clock.
 
 use crate::data::Remark;
+use crate::spread::median;
 
 /// Times of a clock that counts from its start \[s\]: a longer one counts from 1970.
 const CLOCK_MAX_S: f64 = 1e8;
@@ -67,11 +68,11 @@ impl CsvClock {
     ) -> Self {
         let times: Vec<f64> = moments.map(|moment| moment.t).collect();
         // The far ones of a file may be faults.
-        let size = median(times.iter().map(|t| t.abs()).collect());
+        let size = median(times.iter().map(|t| t.abs())).unwrap_or(0.0);
         let mut by_size = stated_s.is_some();
         let mut unit_s = stated_s.unwrap_or_else(|| {
             let rising = times.windows(2).map(|w| w[1] - w[0]).filter(|step| *step > 0.0);
-            let step = median(rising.collect());
+            let step = median(rising).unwrap_or(0.0);
             // Whole seconds of today; as many milliseconds have seldom steps of one.
             if TODAY_S.contains(&size) && (0.4..=1.0).contains(&step) {
                 by_size = true;
@@ -114,11 +115,6 @@ impl CsvClock {
     pub(super) fn seconds(&self, moment: &CsvMoment) -> f64 {
         self.begin.as_ref().map_or(moment.t, |begin| moment.since(begin)) * self.unit_s
     }
-}
-
-fn median(mut values: Vec<f64>) -> f64 {
-    let middle = values.len() / 2;
-    if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(middle, f64::total_cmp).1 }
 }
 
 #[cfg(test)]

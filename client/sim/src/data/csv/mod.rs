@@ -161,7 +161,7 @@ pub fn write_csv(file: &Path, path: &PenPath) -> io::Result<()> {
         text.push_str(&row(sample));
         text.push('\n');
     }
-    crate::whole::write(file, |out| out.write_all(text.as_bytes()))
+    foretrace_host::whole::write(file, |out| out.write_all(text.as_bytes()))
 }
 
 fn parse_csv(text: &str, file: &Path, units: CsvUnits) -> Result<CsvPen, FileError> {

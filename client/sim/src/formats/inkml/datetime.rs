@@ -3,7 +3,7 @@
 //! Source: W3C XML Schema Part 2, section 3.2.7. The calendar is Gregorian for all years; a time without a
 //! zone counts as UTC.
 
-use crate::calendar::days_since_1970;
+use foretrace_host::calendar::days_since_1970;
 
 const MS_PER_DAY: i64 = 86_400_000;
 /// Years before and after which no pen writes; days since 1970 stay far from their bound.

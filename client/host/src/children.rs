@@ -1,17 +1,31 @@
 //! Other programs that this one runs: each in a process group of its own, which ends with its handle, so that
 //! nothing that it started is left.
+//!
+//! Contract: a terminal's signals reach this program alone, which has to end by [`end_all`] on all of them.
+//! Where this program is killed (SIGKILL), nothing here runs: then what [`tie_with`] was given ends each
+//! child itself, and what a child started is left to find out by the end of its input. A tied child also ends
+//! with the thread that started it.
 
 use std::collections::BTreeSet;
 use std::io;
 use std::os::unix::process::CommandExt as _;
 use std::process::{Child, Command, ExitStatus};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, Signal, WaitId, WaitIdOptions, kill_process_group, waitid};
 
 /// Groups of processes that run.
 static RUNNING: Mutex<BTreeSet<u32>> = Mutex::new(BTreeSet::new());
+
+/// What ties a child to this process.
+static TIE: OnceLock<fn(&mut Command)> = OnceLock::new();
+
+/// Every child is started with what `tie` adds to its command, so that the system ends it with this process.
+/// That takes a call between fork and exec, for which safe Rust has no words. The first one given stays.
+pub fn tie_with(tie: fn(&mut Command)) {
+    let _ = TIE.set(tie);
+}
 
 /// For a program that is about to end without unwinding: kills all that it runs. Whoever starts or ends one
 /// later blocks until the program ends.
@@ -44,6 +58,9 @@ impl GroupChild {
     pub fn start(command: &mut Command) -> io::Result<Self> {
         // Held, so that none is started behind the back of `end_all`.
         let mut groups = running();
+        if let Some(tie) = TIE.get() {
+            tie(command);
+        }
         let child = command.process_group(0).spawn()?;
         groups.insert(child.id());
         Ok(Self(child))
@@ -68,12 +85,15 @@ impl GroupChild {
     /// Ends what is left of its group, and takes its status; none the second time.
     pub fn end(&mut self) -> Option<ExitStatus> {
         let group = self.0.id();
-        if running().remove(&group) {
-            // Its number is still its own: nobody has waited for it.
-            kill(group);
-            return self.0.wait().ok();
+        // Held over the kill: `end_all` in between would find it neither in the list nor ended.
+        let mut groups = running();
+        if !groups.remove(&group) {
+            return None;
         }
-        None
+        // Its number is still its own: nobody has waited for it.
+        kill(group);
+        drop(groups);
+        self.0.wait().ok()
     }
 }
 
