@@ -181,8 +181,8 @@ fn ticks() -> u64 {
     std::env::var("FORETRACE_EXTERNAL_TICKS").map_or(8000, |n| n.parse().expect("a number"))
 }
 
-/// Each is judged by the error beside that of the fallback; every command is judged by the bench. The hand with
-/// rests errs most as each of its pieces begins: five times as long, so that it has eighteen of them.
+/// Each is judged by the error beside that of the fallback; every command is judged by the bench. Beside the
+/// hand with rests errors are largest where its pieces begin: five times as long, so that it has eighteen.
 #[test]
 fn whatever_a_hostile_process_sends_costs_at_most_a_tenth_beside_the_fallback() {
     let mut seen = [0; PreviewRefusal::ALL.len()];
