@@ -13,8 +13,10 @@ const FALLBACK: PredictorKind = PredictorKind::AR_RLS;
 /// Positions per preview: as many as the law takes.
 const COUNT: usize = MAX_PREVIEW;
 /// A hand that nothing foresees, one that the fallback foresees, and that with rests.
-const HANDS: [(&str, fn(f64) -> [f64; 2]); 3] =
-    [("scribble", scribble), ("curve", curve), ("halting", halting)];
+const HANDS: [(&str, Path); 3] = [("scribble", scribble), ("curve", curve), ("halting", halting)];
+
+/// Where the pen is at a time \[s\].
+type Path = fn(f64) -> [f64; 2];
 
 fn external() -> FollowerSettings<6> {
     let mut wanted = settings(PredictorKind::EXTERNAL);
@@ -60,12 +62,7 @@ struct Outcome {
 
 /// Writes along `path` for `ticks`; what `process` predicts for a step comes in the tick after it closed.
 /// Every command is checked by the bench.
-fn run(
-    wanted: FollowerSettings<6>,
-    ticks: u64,
-    path: fn(f64) -> [f64; 2],
-    process: &mut Process<'_>,
-) -> Outcome {
+fn run(wanted: FollowerSettings<6>, ticks: u64, path: Path, process: &mut Process<'_>) -> Outcome {
     run_from(1000, wanted, ticks, path, process)
 }
 
@@ -74,7 +71,7 @@ fn run_from(
     measured_from: u64,
     wanted: FollowerSettings<6>,
     ticks: u64,
-    path: fn(f64) -> [f64; 2],
+    path: Path,
     process: &mut Process<'_>,
 ) -> Outcome {
     let dead_s = wanted.dead_time_ns as f64 * 1e-9;
@@ -137,7 +134,7 @@ fn nobody(_: &LearnStep, _: &dyn Fn(f64) -> [f64; 2]) -> Option<ExternalPreview>
 fn without_a_process_the_loop_is_the_fallback_bit_for_bit() {
     let mut alone = settings(FALLBACK);
     alone.preview.fallback = FALLBACK;
-    for path in [curve as fn(f64) -> [f64; 2], scribble] {
+    for path in [curve as Path, scribble] {
         let alone = run(alone.clone(), 3000, path, &mut nobody);
         let beside = run(external(), 3000, path, &mut nobody);
         assert_eq!((alone.rms_m.to_bits(), alone.bits), (beside.rms_m.to_bits(), beside.bits));
