@@ -62,6 +62,7 @@ fn wrong_with_cargo(words: &[&str]) -> Option<String> {
         "console",
         "foretrace",
         "deny",
+        "metadata",
         "tree",
     ];
     let [verb, rest @ ..] = words else { return Some("no subcommand".to_owned()) };
