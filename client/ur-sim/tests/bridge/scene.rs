@@ -39,6 +39,7 @@ pub(super) struct Scene {
     pub(super) middle: [f64; JOINTS],
     since_s: f64,
     pub(super) swing_rad: f64,
+    pub(super) swing_hz: f64,
     newest: Option<CycleResult>,
     pub(super) watched: Watched,
 }
@@ -68,7 +69,7 @@ impl Watched {
     }
 }
 
-fn config(series: Series) -> &'static Config {
+pub(super) fn config(series: Series) -> &'static Config {
     // Commands are used a cycle after they are sent: valid for three cycles of the slower controller.
     const MADE: fn(&str) -> Config = |preset| {
         let text = format!("preset = \"{preset}\"\n[loop]\nvalid_periods = 12\n");
@@ -113,6 +114,7 @@ impl Scene {
             middle: ControllerOptions::new(series).q,
             since_s: 0.0,
             swing_rad: 0.2,
+            swing_hz: 0.5,
             newest: None,
             watched: Watched::default(),
         };
@@ -143,7 +145,7 @@ impl Scene {
         if t <= 0.0 {
             return (0.0, 0.0);
         }
-        let (w, a) = (2.0 * std::f64::consts::PI * 0.5, self.swing_rad);
+        let (w, a) = (2.0 * std::f64::consts::PI * self.swing_hz, self.swing_rad);
         (a * (1.0 - (w * t).cos()), a * w * (w * t).sin())
     }
 

@@ -5,7 +5,7 @@ use std::sync::LazyLock;
 use foretrace_config::Config;
 use proptest::prelude::*;
 
-use super::scene::{Scene, Watched};
+use super::scene::{Scene, Watched, config};
 use foretrace_ur::bridge::reaction::Phase;
 use foretrace_ur::bridge::reason::HaltReason;
 use foretrace_ur_sim::options::Series;
@@ -228,6 +228,31 @@ proptest! {
         scene.run(1.5);
         prop_assert!(follows || scene.watched.rests(), "{:?}", scene.watched);
         scene.within_limits("");
+    }
+}
+
+#[test]
+fn after_late_cycles_the_arm_returns_to_its_targets_inside_its_limits() {
+    static FIRST_RUN: LazyLock<Config> = LazyLock::new(|| Config::preset("ur5-first-run").unwrap());
+    const SWING_HZ: f64 = 2.0;
+    let (cb3, e) = (config(Series::Cb3), config(Series::E));
+    for (series, config) in [(Series::Cb3, cb3), (Series::E, e), (Series::Cb3, &*FIRST_RUN)] {
+        // Half of what the joint may, as plans of the presets have it while letters are written.
+        let acceleration = 0.5 * config.robot().limits.acceleration()[5];
+        for (late, moment) in [1, 3, 5].into_iter().flat_map(|late| (0..5).map(move |moment| (late, moment)))
+        {
+            let mut scene = Scene::with(series, config);
+            scene.swing_hz = SWING_HZ;
+            scene.swing_rad = acceleration / (2.0 * std::f64::consts::PI * SWING_HZ).powi(2);
+            let mut scene = scene.follow();
+            scene.run(f64::from(moment) / 5.0 / SWING_HZ);
+            cut(&mut scene, late);
+            scene.run(1.0);
+            let when = format!("{series:?}, {late} late, moment {moment}");
+            assert!(matches!(scene.phase(), Phase::Following { .. }), "{when}: {:?}", scene.reason());
+            assert_eq!(scene.pilot.as_ref().unwrap().trips.late(), late as u64, "{when}");
+            scene.within_limits(&when);
+        }
     }
 }
 

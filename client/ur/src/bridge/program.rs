@@ -8,6 +8,8 @@ use foretrace_client::JOINTS;
 
 /// With `{{NAME}}` where a number belongs.
 const TEXT: &str = include_str!("program.script");
+/// What stands for a position limit that a joint does not have \[rad\]: no controller counts so many turns.
+const UNBOUNDED_RAD: f64 = 1000.0;
 
 /// The numbers of the program.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -21,9 +23,11 @@ pub struct BridgeProgram {
     pub gain: f64,
     /// Cycles without a fresh target before it stops, 0 to 5.
     pub extrapolate_cycles: u32,
+    /// Inside which every joint moves, whatever the targets.
+    pub limits: JointLimits<JOINTS>,
     /// Deceleration of the leading joint at a stop \[rad/s²\].
     pub stop_radps2: f64,
-    /// Farthest that a target may be from where the one before leads \[rad\].
+    /// Farthest that a target may be from where the joints are led \[rad\].
     pub reach_rad: f64,
     /// Fastest joint that a target may ask for \[rad/s\].
     pub speed_radps: f64,
@@ -47,6 +51,7 @@ impl BridgeProgram {
             look_ahead_s: section.look_ahead_ms * 1e-3,
             gain: section.gain,
             extrapolate_cycles: section.extrapolate_cycles,
+            limits: *limits,
             // Inside the limits of every joint: stopj lets the leading one brake with this, the others with
             // less.
             stop_radps2: section.stop_radps2.map_or(stop, |asked| asked.min(stop)),
@@ -90,6 +95,15 @@ impl BridgeProgram {
         ];
         // Six decimals: URScript knows no exponents that every version reads.
         real.into_iter().for_each(|(name, value)| fill(name, format!("{value:.6}")));
+        let lists = [
+            ("LOWER_RAD", self.limits.position().map(|[lower, _]| lower.max(-UNBOUNDED_RAD))),
+            ("UPPER_RAD", self.limits.position().map(|[_, upper]| upper.min(UNBOUNDED_RAD))),
+            ("VELOCITY_RADPS", *self.limits.velocity()),
+            ("ACCELERATION_RADPS2", *self.limits.acceleration()),
+            ("DECELERATION_RADPS2", *self.limits.deceleration()),
+        ];
+        let list = |values: [f64; JOINTS]| values.map(|value| format!("{value:.6}")).join(", ");
+        lists.into_iter().for_each(|(name, values)| fill(name, format!("[{}]", list(values))));
         text
     }
 }
