@@ -83,6 +83,23 @@ choices! {
     }
 }
 
+impl StopCause {
+    /// Unit of what was observed, and of its limit; empty for a number or none.
+    #[must_use]
+    pub const fn unit(self) -> &'static str {
+        match self {
+            Self::None | Self::SlowArm | Self::LateTicks => "",
+            Self::JointDeviation | Self::WrongDirection | Self::NoMotion | Self::Oscillation | Self::Tilt => {
+                "rad"
+            }
+            Self::Runaway => "rad/s",
+            Self::ToolDeviation | Self::Height | Self::Workspace | Self::Clearance | Self::Response => "m",
+            Self::ToolSpeed => "m/s",
+            Self::Effort => "Nm",
+        }
+    }
+}
+
 /// The evidence behind a latched stop.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct StopDetail {

@@ -32,7 +32,12 @@ const OF_RECORDINGS: [(&str, &str, &str, &str); 5] = [
         "leadtime --data {} --models mixture,ar-rls,lstm32,dybm,constant-velocity",
         "leadtime.svg",
     ),
-    ("fig2-unipen-tos.svg", "unipen-tos", "fig2 --data {} --label all", "fig2.svg"),
+    (
+        "fig2-unipen-tos.svg",
+        "unipen-tos",
+        "fig2 --data {} --label all --predictors hold,constant-velocity,dybm,mixture,oracle",
+        "fig2.svg",
+    ),
     (
         "closed-loop-pareto.svg",
         "unipen-tos",

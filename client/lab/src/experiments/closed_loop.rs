@@ -60,7 +60,7 @@ pub enum RunError {
     #[error("the loop refuses to arm: {0:?}; check plane, home and workspace of the settings")]
     Refused(Refusal),
     /// The loop stopped the arm because it did not follow.
-    #[error("the loop says that the arm does not follow: {0:?}")]
+    #[error("the loop says that the arm does not follow: {}", evidence(.0))]
     NotFollowing(StopDetail),
     /// The arm cannot go on.
     #[error("{0}")]
@@ -293,6 +293,14 @@ impl<const N: usize> Desk for LoopDesk<N> {
         let run = self.follow(path, wait_s, requests, &mut strict)?;
         strict.stopped.map_or(Ok(run), |detail| Err(RunError::NotFollowing(detail)))
     }
+}
+
+/// What was observed, of which joint, and its bound.
+fn evidence(detail: &StopDetail) -> String {
+    let StopDetail { cause, joint, amount, limit, .. } = *detail;
+    let joint = joint.map(|joint| format!(" of joint {joint}")).unwrap_or_default();
+    let unit = cause.unit();
+    format!("{cause:?}{joint} is {amount:.5} {unit}, at most {limit:.5} {unit}")
 }
 
 /// Ends where the arm does not follow.

@@ -22,6 +22,17 @@ pub enum Fig2Arm {
     Ur5,
 }
 
+impl Fig2Arm {
+    /// Name in tables and messages.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Ideal => "ideal",
+            Self::Ur5 => "ur5",
+        }
+    }
+}
+
 /// One predictor on one arm, over all letters.
 #[derive(Debug, Clone)]
 pub struct Fig2Row {
@@ -163,7 +174,7 @@ fn row(
     let mut tools = Vec::new();
     for letter in letters {
         let path = &letter.path.samples;
-        let run = desk.write(path, WAIT_S, &[]).map_err(|error| failed(letter, error))?;
+        let run = desk.write(path, WAIT_S, &[]).map_err(|error| failed(letter, name(entrant), arm, error))?;
         scores.push(tracking(path, &run.tool));
         if kept {
             tools.push(run.tool);
@@ -187,6 +198,12 @@ fn row(
     Ok((row, tools))
 }
 
-pub(super) fn failed(letter: &Letter, error: RunError) -> ExperimentError {
-    ExperimentError::Run { label: letter.label.clone(), writer: letter.writer.clone(), error }
+pub(super) fn failed(
+    letter: &Letter,
+    predictor: &'static str,
+    arm: Fig2Arm,
+    error: RunError,
+) -> ExperimentError {
+    let (label, writer) = (letter.label.clone(), letter.writer.clone());
+    ExperimentError::Run { label, writer, predictor, arm: arm.name(), error }
 }

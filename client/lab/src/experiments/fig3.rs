@@ -9,7 +9,7 @@ use foretrace_control::predict::PredictorKind;
 use foretrace_sim::metrics::{ToolSample, error_series};
 
 use super::closed_loop::{ClosedLoop, DeskOptions, desk};
-use super::fig2::failed;
+use super::fig2::{Fig2Arm, failed};
 use super::{ArmKind, ExperimentError, Letter, WAIT_S, learner_for, median, settings_for};
 
 /// First and last grid step of the ramp, counted from the letter's first sample.
@@ -71,7 +71,7 @@ pub fn fig3(
             let switch_s = start_s + RAMP_STEPS[0] * step_s;
             let requests = [(start_s - WAIT_S, Request::SetTrust(0.0)), (switch_s, Request::SetTrust(1.0))];
             let result = desk.write(path, WAIT_S, &requests);
-            let run = result.map_err(|error| failed(letter, error))?;
+            let run = result.map_err(|error| failed(letter, kind.name(), Fig2Arm::Ideal, error))?;
             out.extend(judge(index, letter, &run, start_s, step_s));
         }
         done();

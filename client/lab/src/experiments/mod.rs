@@ -33,8 +33,8 @@ use foretrace_sim::spread;
 #[non_exhaustive]
 pub enum ExperimentError {
     /// A run.
-    #[error("letter {label:?} of writer {writer}: {error}")]
-    Run { label: String, writer: String, error: RunError },
+    #[error("letter {label:?} of writer {writer}, {predictor} on {arm}: {error}")]
+    Run { label: String, writer: String, predictor: &'static str, arm: &'static str, error: RunError },
     /// The settings.
     #[error("{0}")]
     Settings(String),

@@ -22,7 +22,7 @@ impl Fig2 {
             format!(
                 "{:<20} {:<6} {:>12.3e} {:>12.3e} {:>10.2} {:>10.2} {:>8.1}",
                 row.name(),
-                arm(row.arm),
+                row.arm.name(),
                 row.mse_m2,
                 row.median_mse_m2,
                 row.max_m * 1e3,
@@ -47,7 +47,7 @@ impl Fig2 {
             .iter()
             .zip(&figure.typical_tools)
             .filter(|(_, tool)| !tool.is_empty())
-            .map(|(row, tool)| (format!("{}, {}", row.name(), arm(row.arm)), tool))
+            .map(|(row, tool)| (format!("{}, {}", row.name(), row.arm.name()), tool))
             .collect();
         let cells: Vec<Cell<'_>> =
             drawn.iter().map(|(label, tool)| Cell { label, pen: &letter.path.samples, tool }).collect();
@@ -108,13 +108,6 @@ fn numbers(row: &Fig2Row) -> Value {
         "median_max_m": row.median_max_m,
         "lag_ms": row.lag_ms,
     })
-}
-
-fn arm(arm: Fig2Arm) -> &'static str {
-    match arm {
-        Fig2Arm::Ideal => "ideal",
-        Fig2Arm::Ur5 => "ur5",
-    }
 }
 
 fn failed(error: impl Display) -> Failure {

@@ -2,7 +2,10 @@
 
 use foretrace_config::Config;
 use foretrace_control::predict::{Needs, PredictorKind};
-use foretrace_lab::experiments::{Fig2Arm, Fig3, LawEntrant, Letter, fig2, fig2_entrant, fig3};
+use foretrace_control::stop::{StopCause, StopDetail};
+use foretrace_lab::experiments::{
+    ExperimentError, Fig2Arm, Fig3, LawEntrant, Letter, RunError, fig2, fig2_entrant, fig3,
+};
 use foretrace_sim::path::Placement;
 use foretrace_sim::writer::text_path;
 
@@ -96,4 +99,17 @@ fn ramp_lies_in_steps_30_to_40(figure: &Fig3) {
         assert!((at(35.0) - 0.5).abs() < 0.06, "half way at step 35, not {}", at(35.0));
         assert_eq!(at(41.0), 1.0);
     }
+}
+
+#[test]
+fn a_run_that_is_stopped_is_named_with_letter_predictor_arm_and_bound() {
+    let (cause, joint) = (StopCause::Response, Some(0));
+    let detail = StopDetail { cause, joint, amount: 0.006_352, limit: 0.003_75, ..StopDetail::default() };
+    let (label, writer, error) = ("e".to_owned(), "2064".to_owned(), RunError::NotFollowing(detail));
+    let stopped = ExperimentError::Run { label, writer, predictor: "lstm", arm: Fig2Arm::Ur5.name(), error };
+    assert_eq!(
+        stopped.to_string(),
+        "letter \"e\" of writer 2064, lstm on ur5: the loop says that the arm does not follow: Response of \
+         joint 0 is 0.00635 m, at most 0.00375 m"
+    );
 }
