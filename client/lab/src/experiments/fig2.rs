@@ -205,5 +205,5 @@ pub(super) fn failed(
     error: RunError,
 ) -> ExperimentError {
     let (label, writer) = (letter.label.clone(), letter.writer.clone());
-    ExperimentError::Run { label, writer, predictor, arm: arm.name(), error }
+    ExperimentError::Run { label, writer, predictor, arm: arm.name(), error: Box::new(error) }
 }

@@ -34,7 +34,7 @@ use foretrace_sim::spread;
 pub enum ExperimentError {
     /// A run.
     #[error("letter {label:?} of writer {writer}, {predictor} on {arm}: {error}")]
-    Run { label: String, writer: String, predictor: &'static str, arm: &'static str, error: RunError },
+    Run { label: String, writer: String, predictor: &'static str, arm: &'static str, error: Box<RunError> },
     /// The settings.
     #[error("{0}")]
     Settings(String),

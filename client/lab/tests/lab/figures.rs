@@ -105,7 +105,8 @@ fn ramp_lies_in_steps_30_to_40(figure: &Fig3) {
 fn a_run_that_is_stopped_is_named_with_letter_predictor_arm_and_bound() {
     let (cause, joint) = (StopCause::Response, Some(0));
     let detail = StopDetail { cause, joint, amount: 0.006_352, limit: 0.003_75, ..StopDetail::default() };
-    let (label, writer, error) = ("e".to_owned(), "2064".to_owned(), RunError::NotFollowing(detail));
+    let (label, writer) = ("e".to_owned(), "2064".to_owned());
+    let error = Box::new(RunError::NotFollowing(detail));
     let stopped = ExperimentError::Run { label, writer, predictor: "lstm", arm: Fig2Arm::Ur5.name(), error };
     assert_eq!(
         stopped.to_string(),
