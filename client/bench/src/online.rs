@@ -4,8 +4,6 @@
 //! the memory. The DyBM is that of the reference tables (delay 2, decay 0.5, AdaGrad 0.1) and starts at zero;
 //! time does not depend on what was learned.
 
-use std::sync::Arc;
-
 use foretrace_control::predict::models::dybm::{DybmShape, TraceInput};
 use foretrace_control::predict::models::esn::{ReadoutRule, Reservoir, ReservoirSettings};
 use foretrace_control::predict::{
@@ -22,7 +20,7 @@ pub(crate) fn candidates(step_ns: u64) -> Result<Vec<Candidate>, WeightsError> {
     let optimiser = Optimiser::ada_grad(0.1);
     let dybm = DybmSettings { shape, optimiser, l1: 0.0, l2: 0.0 };
     let dybm_weights = DybmWeights::zero(step_ns, shape);
-    let reservoir = Arc::new(Reservoir::seeded(&ReservoirSettings::default())?);
+    let reservoir = Reservoir::shared(&ReservoirSettings::default())?;
     let esn = DybmEsnSettings { dybm, readout: optimiser, rule: ReadoutRule::SharedResidual };
     let esn = DybmEsnLearner::untrained(esn, dybm_weights, reservoir.clone())?;
     let ar_weights = ArRlsWeights::constant_velocity(step_ns);

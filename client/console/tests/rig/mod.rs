@@ -22,8 +22,16 @@ pub(crate) struct Daemon {
     _lock: InstanceLock,
 }
 
+/// Removes what the middleware keeps for the next daemon of an instance.
+struct Swept(Instance);
+
+impl Drop for Swept {
+    fn drop(&mut self) {
+        let _ = self.0.clean();
+    }
+}
+
 pub(crate) struct Rig {
-    _folder: tempfile::TempDir,
     pub(crate) instance: Instance,
     pub(crate) daemon: Daemon,
     pub(crate) at: SocketAddr,
@@ -33,6 +41,9 @@ pub(crate) struct Rig {
     tls: Option<Arc<rustls::ClientConfig>>,
     over: Arc<AtomicBool>,
     running: Option<JoinHandle<ConsoleTally>>,
+    // Dropped after everything that is in them.
+    _swept: Swept,
+    _folder: tempfile::TempDir,
 }
 
 impl Rig {
@@ -72,7 +83,8 @@ impl Rig {
         let ends = over.clone();
         let running = std::thread::spawn(move || console.run(link, || ends.load(Ordering::Acquire)).unwrap());
         let token = address.split('#').nth(1).unwrap().to_owned();
-        Self { _folder: folder, instance, daemon, at, token, renewer, tls, over, running: Some(running) }
+        let (_swept, running) = (Swept(instance.clone()), Some(running));
+        Self { instance, daemon, at, token, renewer, tls, over, running, _swept, _folder: folder }
     }
 
     pub(crate) fn end(mut self) -> ConsoleTally {

@@ -393,7 +393,7 @@ fn dybm() -> Result<DybmLearner, WeightsError> {
 fn dybm_esn() -> Result<DybmEsnLearner, WeightsError> {
     let dybm = paper_dybm();
     let settings = DybmEsnSettings { dybm, readout: Optimiser::ada_grad(0.1), rule: ReadoutRule::OwnError };
-    let reservoir = Arc::new(Reservoir::seeded(&ReservoirSettings::default())?);
+    let reservoir = Reservoir::shared(&ReservoirSettings::default())?;
     DybmEsnLearner::untrained(settings, DybmWeights::zero(ANY_STEP_NS, dybm.shape), reservoir)
 }
 

@@ -6,6 +6,7 @@ use nalgebra::{Matrix3, Matrix4, Vector3, Vector6};
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 use std::f64::consts::{FRAC_PI_2, PI};
+use std::sync::LazyLock;
 
 const UR5: &str = include_str!("../../../../config/robots/ur5.urdf");
 const UR5E: &str = include_str!("../../../../config/robots/ur5e.urdf");
@@ -34,11 +35,12 @@ fn dh_pose([a2, a3, d1, d4, d5, d6]: [f64; 6], q: &[f64; 6]) -> Matrix4<f64> {
     pose
 }
 
-fn arms() -> [(Chain<6>, [f64; 6]); 2] {
-    [
-        (Chain::from_urdf(UR5, None, None).unwrap(), UR5_DH),
-        (Chain::from_urdf(UR5E, None, None).unwrap(), UR5E_DH),
-    ]
+fn arms() -> &'static [(Chain<6>, [f64; 6]); 2] {
+    // Reading them for every case takes longer than all that is tested.
+    static ARMS: LazyLock<[(Chain<6>, [f64; 6]); 2]> = LazyLock::new(|| {
+        [(UR5, UR5_DH), (UR5E, UR5E_DH)].map(|(text, dh)| (Chain::from_urdf(text, None, None).unwrap(), dh))
+    });
+    &ARMS
 }
 
 fn distance(k: &Kinematics<6>, pose: &Matrix4<f64>) -> f64 {
@@ -131,7 +133,7 @@ proptest! {
     fn pose_is_the_product_of_the_dh_matrices(q in joints()) {
         for (chain, dh) in arms() {
             let k = chain.forward(&q);
-            prop_assert!(distance(&k, &dh_pose(dh, &q)) < 1e-13);
+            prop_assert!(distance(&k, &dh_pose(*dh, &q)) < 1e-13);
             prop_assert!((k.rotation.transpose() * k.rotation - Matrix3::identity()).norm() < 1e-14);
         }
     }

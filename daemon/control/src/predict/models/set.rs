@@ -118,8 +118,7 @@ impl Models {
         if let Some(network) = &networks.foresight {
             network.fits(settings.step_ns)?;
         }
-        let models =
-            Self { settings, reservoir: Arc::new(Reservoir::seeded(&settings.reservoir)?), networks };
+        let models = Self { settings, reservoir: Reservoir::shared(&settings.reservoir)?, networks };
         // Later builds use settings that were checked here.
         models.initial_weights().can_be_taught(&models)?;
         Ok(models)

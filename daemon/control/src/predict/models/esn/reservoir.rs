@@ -3,6 +3,8 @@
 //! s ← (1 − leak)·s + leak·tanh(x W_in + s W_rec), row vectors. Built once (that may allocate), shared from
 //! then on. The same seed gives the same matrices.
 
+use std::sync::{Arc, OnceLock};
+
 use crate::predict::models::esn::network::{Double, Single};
 use crate::predict::online::WeightsError;
 
@@ -63,6 +65,24 @@ impl Reservoir {
         settings.validate()?;
         let (input, recurrent) = matrices(settings)?;
         Self::from_matrices(settings.leak, input, recurrent)
+    }
+
+    /// The same, and made once in a process for the default settings: its spectral radius takes milliseconds,
+    /// and every predictor that has a reservoir asks for that one.
+    ///
+    /// # Errors
+    ///
+    /// Settings outside their bounds.
+    pub fn shared(settings: &ReservoirSettings) -> Result<Arc<Self>, WeightsError> {
+        static STANDARD: OnceLock<Arc<Reservoir>> = OnceLock::new();
+        if *settings != ReservoirSettings::default() {
+            return Ok(Arc::new(Self::seeded(settings)?));
+        }
+        if let Some(standard) = STANDARD.get() {
+            return Ok(Arc::clone(standard));
+        }
+        let made = Arc::new(Self::seeded(settings)?);
+        Ok(Arc::clone(STANDARD.get_or_init(|| made)))
     }
 
     /// A given reservoir: W_in 2 x UNITS, W_rec UNITS x UNITS, for row vectors.

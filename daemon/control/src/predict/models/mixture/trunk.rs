@@ -124,7 +124,7 @@ impl Trunk {
             let leads = lstm.spec().leads as f64;
             WeightsError::bounded("mixture", "leads of the LSTM", leads, LEADS as f64, LEADS as f64)?;
         }
-        let reservoir = Arc::new(Reservoir::seeded(&ReservoirSettings::default())?);
+        let reservoir = Reservoir::shared(&ReservoirSettings::default())?;
         let foresight = foresight.map(|weights| Foresight::new(&weights));
         Ok(Self { reservoir, lstm: lstm.map(Lstm::new), foresight })
     }
