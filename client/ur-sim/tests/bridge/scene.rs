@@ -40,6 +40,8 @@ pub(super) struct Scene {
     since_s: f64,
     pub(super) swing_rad: f64,
     pub(super) swing_hz: f64,
+    /// With an acceleration of this size that changes its sign at once, instead of a sine \[rad/s²\].
+    pub(super) sharp_radps2: Option<f64>,
     newest: Option<CycleResult>,
     pub(super) watched: Watched,
 }
@@ -115,6 +117,7 @@ impl Scene {
             since_s: 0.0,
             swing_rad: 0.2,
             swing_hz: 0.5,
+            sharp_radps2: None,
             newest: None,
             watched: Watched::default(),
         };
@@ -144,6 +147,20 @@ impl Scene {
         let t = t_s - self.since_s;
         if t <= 0.0 {
             return (0.0, 0.0);
+        }
+        if let Some(a) = self.sharp_radps2 {
+            let (quarter, t) = (0.25 / self.swing_hz, t % (1.0 / self.swing_hz));
+            let from = |t: f64, speed: f64, a: f64| (speed * t + 0.5 * a * t * t, speed + a * t);
+            let (fastest, turned) = (a * quarter, 0.5 * a * quarter * quarter);
+            return if t < quarter {
+                from(t, 0.0, a)
+            } else if t < 3.0 * quarter {
+                let (way, speed) = from(t - quarter, fastest, -a);
+                (turned + way, speed)
+            } else {
+                let (way, speed) = from(t - 3.0 * quarter, -fastest, a);
+                (turned + way, speed)
+            };
         }
         let (w, a) = (2.0 * std::f64::consts::PI * self.swing_hz, self.swing_rad);
         (a * (1.0 - (w * t).cos()), a * w * (w * t).sin())

@@ -10,6 +10,10 @@ use foretrace_client::JOINTS;
 const TEXT: &str = include_str!("program.script");
 /// What stands for a position limit that a joint does not have \[rad\]: no controller counts so many turns.
 const UNBOUNDED_RAD: f64 = 1000.0;
+/// How many times the acceleration of a joint a punctual target may ask for in a cycle. It lies ahead of its
+/// command by the trip and a tick, 4 ms of an e-Series whose cycle is 2 ms: where the command's acceleration
+/// changes its sign at once, it asks for 1 + 2 · 4 / 2 times.
+const PUNCTUAL: f64 = 5.0;
 
 /// The numbers of the program.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -23,7 +27,7 @@ pub struct BridgeProgram {
     pub gain: f64,
     /// Cycles without a fresh target before it stops, 0 to 5.
     pub extrapolate_cycles: u32,
-    /// Inside which every joint moves, whatever the targets.
+    /// Of the joints: range and speed always, acceleration on the way back to the targets after late cycles.
     pub limits: JointLimits<JOINTS>,
     /// Deceleration of the leading joint at a stop \[rad/s²\].
     pub stop_radps2: f64,
@@ -95,12 +99,19 @@ impl BridgeProgram {
         ];
         // Six decimals: URScript knows no exponents that every version reads.
         real.into_iter().for_each(|(name, value)| fill(name, format!("{value:.6}")));
+        // Rounded to the inside.
+        let inside = |value: f64| (value * 1e6).floor() * 1e-6;
         let lists = [
-            ("LOWER_RAD", self.limits.position().map(|[lower, _]| lower.max(-UNBOUNDED_RAD))),
-            ("UPPER_RAD", self.limits.position().map(|[_, upper]| upper.min(UNBOUNDED_RAD))),
-            ("VELOCITY_RADPS", *self.limits.velocity()),
-            ("ACCELERATION_RADPS2", *self.limits.acceleration()),
-            ("DECELERATION_RADPS2", *self.limits.deceleration()),
+            ("LOWER_RAD", self.limits.position().map(|[lower, _]| -inside(-lower.max(-UNBOUNDED_RAD)))),
+            ("UPPER_RAD", self.limits.position().map(|[_, upper]| inside(upper.min(UNBOUNDED_RAD)))),
+            ("VELOCITY_RADPS", self.limits.velocity().map(inside)),
+            ("ACCELERATION_RADPS2", self.limits.acceleration().map(inside)),
+            ("PUNCTUAL_RADPS2", self.limits.acceleration().map(|most| PUNCTUAL * most)),
+            // A stop that begins anywhere has to end inside the range as well.
+            (
+                "DECELERATION_RADPS2",
+                self.limits.deceleration().map(|most| inside(most.min(self.stop_radps2))),
+            ),
         ];
         let list = |values: [f64; JOINTS]| values.map(|value| format!("{value:.6}")).join(", ");
         lists.into_iter().for_each(|(name, values)| fill(name, format!("[{}]", list(values))));
