@@ -299,8 +299,10 @@ impl<const N: usize> Desk for LoopDesk<N> {
 fn evidence(detail: &StopDetail) -> String {
     let StopDetail { cause, joint, amount, limit, .. } = *detail;
     let joint = joint.map(|joint| format!(" of joint {joint}")).unwrap_or_default();
-    let unit = cause.unit();
-    format!("{cause:?}{joint} is {amount:.5} {unit}, at most {limit:.5} {unit}")
+    let unit =
+        Some(cause.unit()).filter(|unit| !unit.is_empty()).map(|unit| format!(" {unit}")).unwrap_or_default();
+    // Some bounds are the least that is allowed.
+    format!("{cause:?}{joint} is {amount:.5}{unit}, its bound {limit:.5}{unit}")
 }
 
 /// Ends where the arm does not follow.

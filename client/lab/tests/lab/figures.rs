@@ -111,6 +111,6 @@ fn a_run_that_is_stopped_is_named_with_letter_predictor_arm_and_bound() {
     assert_eq!(
         stopped.to_string(),
         "letter \"e\" of writer 2064, lstm on ur5: the loop says that the arm does not follow: Response of \
-         joint 0 is 0.00635 m, at most 0.00375 m"
+         joint 0 is 0.00635 m, its bound 0.00375 m"
     );
 }

@@ -242,6 +242,24 @@ fn targets_are_followed_in_the_cycle_that_reads_them() {
     assert_eq!((scene.answer().late, scene.answer().lost), (0, 0));
 }
 
+/// Commands at full acceleration whose sign changes at once, seen from a trip and a tick ahead.
+#[test]
+fn punctual_targets_pass_however_sharply_their_commands_reverse() {
+    const AHEAD_S: f64 = 0.009;
+    let mut scene = Scene::following(0.0);
+    scene.fresh();
+    let (mut q, mut qd) = (scene.arm.q[0], 0.0);
+    for cycle in 0..500 {
+        let qdd = if (cycle + 5) / 10 % 2 == 0 { 40.0 } else { -40.0 };
+        q += qd * CYCLE_S + 0.5 * qdd * CYCLE_S * CYCLE_S;
+        qd += qdd * CYCLE_S;
+        (scene.q[0], scene.qd[0]) = (q + qd * AHEAD_S, qd);
+        assert_eq!(scene.fresh().program(), ProgramState::Following, "cycle {cycle}");
+        let off = (scene.arm.q[0] - scene.q[0]).abs();
+        assert!(off < 1e-9, "cycle {cycle}: {off} rad");
+    }
+}
+
 #[test]
 fn missing_counters_are_bridged_in_a_straight_line_for_five_cycles() {
     let mut scene = Scene::following(1.0);
@@ -439,8 +457,8 @@ fn every_preset_gives_a_program_that_the_interpreter_takes() {
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
-    /// Whatever comes in whatever rhythm: no joint moves faster than it may, none harder than a punctual target
-    /// may ask for, and in late cycles none harder than it may; all stand still in the end.
+    /// Whatever comes in whatever rhythm: no joint moves faster than it may, none harder than a punctual
+    /// target may ask for, and in late cycles none harder than it may; all stand still in the end.
     #[test]
     fn whatever_comes_the_joints_stay_inside_their_limits(
         cycles in proptest::collection::vec((0u8..12, -0.3f64..0.3, -4.0f64..4.0, 0i32..4), 1..120)
