@@ -457,13 +457,15 @@ fn every_preset_gives_a_program_that_the_interpreter_takes() {
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
-    /// Whatever comes in whatever rhythm: no joint moves faster than it may, none harder than a punctual
-    /// target may ask for, and in late cycles none harder than it may; all stand still in the end.
+    /// Whatever comes in whatever rhythm: no joint moves faster than it may; none harder than it may in late
+    /// cycles, in others none harder than a punctual target may ask for, nor for longer than that takes; all
+    /// stand still in the end.
     #[test]
     fn whatever_comes_the_joints_stay_inside_their_limits(
         cycles in proptest::collection::vec((0u8..12, -0.3f64..0.3, -4.0f64..4.0, 0i32..4), 1..120)
     ) {
         let mut scene = Scene::following(0.0);
+        let mut speeds = vec![];
         for (kind, far, speed, permit) in cycles {
             let before = scene.arm.qd;
             match kind {
@@ -482,6 +484,13 @@ proptest! {
             let hard = change.fold(0.0, f64::max) / CYCLE_S;
             let most = if kind < 9 { 5.0 * 40.0 } else { 40.0 };
             prop_assert!(hard <= most + 1e-6, "{} rad/s²", hard);
+            // A stop between them brakes with less than a joint may.
+            speeds.push(scene.arm.qd);
+            for (ago, before) in speeds.iter().rev().enumerate() {
+                let change = scene.arm.qd.iter().zip(before).map(|(qd, before)| (qd - before).abs());
+                let most = (ago as f64 + 2.0 * 5.0) * 40.0 * CYCLE_S;
+                prop_assert!(change.fold(0.0, f64::max) <= most + 1e-6, "over {} cycles", ago);
+            }
         }
         for _ in 0..100 {
             scene.stale();
