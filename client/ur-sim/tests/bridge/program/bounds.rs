@@ -1,5 +1,5 @@
-//! What the program lets a joint do: its range and speed always, more than its acceleration for a cycle only, and
-//! not even that after late cycles.
+//! What the program lets a joint do: its range and speed always, more than its acceleration for a cycle
+//! only, and not even that after late cycles.
 
 use proptest::prelude::*;
 
